@@ -195,11 +195,8 @@ fn of_silence(hit: &Hit, found: Option<&Hit>) -> Outcome {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::capture::path::{Ran, Settled};
-    use crate::wave::observer::{Instruction, RayStart};
-    use spirv_jit::origin::CodeLocation;
-    use spirv_jit::program::Stage;
-    use traversal::Ray;
+    use crate::capture::path::{Ran, Settled, start_of};
+    use crate::wave::observer::Instruction;
 
     fn hit(primitive_index: u32, t: f32) -> Hit {
         Hit {
@@ -212,22 +209,7 @@ mod tests {
 
     fn ray(asked: Vec<Asked>, hit: Option<Hit>) -> PathRay {
         PathRay {
-            start: RayStart {
-                instruction: Instruction::TraceRay,
-                place: CodeLocation {
-                    stage: Stage::RayGeneration,
-                    entry_point: None,
-                    name: None,
-                    pipeline: None,
-                    line: None,
-                },
-                ray: Ray::default(),
-                pipeline_flags: 0,
-                time: 0.0,
-                structure: 0,
-                operands: None,
-                payload: Vec::new(),
-            },
+            start: start_of(Instruction::TraceRay),
             parent: None,
             depth: 1,
             asked,

@@ -194,18 +194,7 @@ impl Path {
                     self.leave_ray();
                 }
             }
-            Observation::Callable { index, .. } => {
-                self.called = None;
-                let by = self.innermost();
-                match self.calls.len() < MAX_RAYS {
-                    true => {
-                        self.called = Some(self.calls.len());
-                        let ran = None;
-                        self.calls.push(Call { index, by, ran });
-                    }
-                    false => self.dropped_calls += 1,
-                }
-            }
+            Observation::Callable { index, .. } => self.begin_call(index),
             Observation::Begin {
                 program,
                 record,
@@ -241,6 +230,19 @@ impl Path {
                     });
                 }
             }
+        }
+    }
+
+    fn begin_call(&mut self, index: u32) {
+        self.called = None;
+        let by = self.innermost();
+        match self.calls.len() < MAX_RAYS {
+            true => {
+                self.called = Some(self.calls.len());
+                let ran = None;
+                self.calls.push(Call { index, by, ran });
+            }
+            false => self.dropped_calls += 1,
         }
     }
 
@@ -384,11 +386,30 @@ fn keep(ray: &mut PathRay, asked: Asked) {
     }
 }
 
+/// The start of a ray, for tests.
+#[cfg(test)]
+pub fn start_of(instruction: Instruction) -> RayStart {
+    RayStart {
+        instruction,
+        place: spirv_jit::origin::CodeLocation {
+            stage: Stage::RayGeneration,
+            entry_point: None,
+            name: None,
+            pipeline: None,
+            line: None,
+        },
+        ray: traversal::Ray::default(),
+        pipeline_flags: 0,
+        time: 0.0,
+        structure: 0,
+        operands: None,
+        payload: Vec::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use spirv_jit::origin::CodeLocation;
-    use traversal::Ray;
 
     const STAGES: [Stage; 6] = [
         Stage::RayGeneration,
@@ -408,22 +429,7 @@ mod tests {
     }
 
     fn ray(instruction: Instruction) -> Observation {
-        Observation::Ray(Box::new(RayStart {
-            instruction,
-            place: CodeLocation {
-                stage: Stage::RayGeneration,
-                entry_point: None,
-                name: None,
-                pipeline: None,
-                line: None,
-            },
-            ray: Ray::default(),
-            pipeline_flags: 0,
-            time: 0.0,
-            structure: 0,
-            operands: None,
-            payload: Vec::new(),
-        }))
+        Observation::Ray(Box::new(start_of(instruction)))
     }
 
     fn begin(program: u32) -> Observation {

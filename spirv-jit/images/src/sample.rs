@@ -24,7 +24,7 @@ lanes::vectors! {
     /// The image's memory stays allocated during the call.
     pub(super) unsafe fn sample<V>(_v, op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo,
         sampler: &SamplerDescriptor, mask: u16, results: &mut [Row]) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the image's memory stays allocated during the call.
         unsafe { sample_body(op, operands, image, info, sampler, mask, results) }
     }
 }
@@ -151,7 +151,7 @@ unsafe fn sample_body(
                 None => group,
             };
             sample.move_to_sample(&centre, sample_index);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `sample`.
             let texels = unsafe { sample.texels(filter, taking) };
             match &sample.levels.anisotropy {
                 Some(anisotropy) if sample_index > 0 => {
@@ -316,7 +316,8 @@ impl BlockSample<'_> {
                     lanes & self.between
                 },
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the image's memory stays allocated during the
+            // call.
             let of_level = unsafe { footprint.texels(self.operands, self.sum) };
             if pass == 0 {
                 texels = of_level;
@@ -515,7 +516,8 @@ impl Footprint<'_> {
                 &axes[1].index[side >> 1 & 1],
                 &axes[2].index[side >> 2 & 1],
             ];
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the image's memory stays allocated during the
+            // call.
             (taps[tap], corners[tap]) = unsafe { self.tap(indices, operands.residency) };
         }
         if corners != [0; 8] {

@@ -10,7 +10,7 @@ mod gather;
 mod private;
 mod words;
 
-pub(super) use carry::{Alike, Carried, allocate_turn};
+pub(super) use carry::{Alike, Carried, Turn, allocate_turn};
 #[cfg(test)]
 pub(super) use words::{broadcast_word, first_word};
 

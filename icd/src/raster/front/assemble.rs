@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use ash::vk::PrimitiveTopology as Topology;
 use spirv_jit::Program;
 
 use super::chunk::{ChunkWorker, Round};
@@ -20,6 +21,20 @@ struct Listed {
     primitives: Range<usize>,
 }
 
+/// The segment of a span while its primitives are listed.
+struct SegmentSource<'a> {
+    topology: Topology,
+    provoking_last: bool,
+    call: &'a DrawCall,
+    /// The place of the span's first index, or of its first vertex without indices.
+    start: u64,
+    indices: Option<&'a Indices>,
+    /// Of vertices without indices: consecutive ones, the first of which is the worker's `base`.
+    run: Option<Range<u32>>,
+    base: u32,
+    common: u32,
+}
+
 impl ChunkWorker {
     /// Lists the primitives of spans, and the vertices that they need; patches of so many points.
     pub(super) fn assemble(
@@ -35,11 +50,11 @@ impl ChunkWorker {
         self.corners.clear();
         let topology = draw.state.topology;
         let geometry = draw.stages.geometry().and_then(Program::geometry);
-        let last = draw.state.rasterization.provoking_last;
         let indices = draw
             .indices
             .as_ref()
             .map(|buffer| Indices::new(buffer, round.reach));
+        let taken = points.or(geometry.map(|facts| facts.vertices as usize));
         let mut before: Option<(u32, u32, u32)> = None;
         let mut latest: Option<Listed> = None;
         for span in spans {
@@ -71,63 +86,23 @@ impl ChunkWorker {
             }
             latest = None;
             let first = [self.vertices.len(), self.primitives.len()];
-            let run = match &indices {
-                Some(_) => None,
-                None => topology::run(topology, &span.primitives),
+            let segment = SegmentSource {
+                topology,
+                provoking_last: draw.state.rasterization.provoking_last,
+                call,
+                start,
+                indices: indices.as_ref(),
+                run: match &indices {
+                    Some(_) => None,
+                    None => topology::run(topology, &span.primitives),
+                },
+                base: self.vertices.len() as u32,
+                common,
             };
-            let base = self.vertices.len() as u32;
-            if let Some(run) = &run {
-                self.vertices.extend(run.clone().map(|place| Vertex {
-                    index: (start + u64::from(place)) as u32,
-                    common,
-                }));
-            }
-            let ids = (span.first_id..).zip(span.primitives.clone());
-            for (primitive_id, primitive) in ids {
-                let taken = points.or(geometry.map(|facts| facts.vertices as usize));
-                if let Some(taken) = taken {
-                    let of_segment = span.of_segment;
-                    let (places, count) = topology::corners(topology, primitive, of_segment, last);
-                    for corner in 0..taken {
-                        // A topology that does not fit the shader lacks vertices.
-                        let place = match points {
-                            Some(points) => primitive * points as u32 + corner as u32,
-                            None => places[corner.min(count - 1)],
-                        };
-                        let corner = match &run {
-                            Some(run) => base + (place - run.start),
-                            None => self.vertex(start, place, indices.as_ref(), call, common),
-                        };
-                        self.corners.push(corner);
-                    }
-                    self.primitives.push(Assembled {
-                        vertices: [0; 3],
-                        primitive_id,
-                        common,
-                        provoking: 0,
-                        stream: 0,
-                    });
-                    continue;
-                }
-                let places = topology::vertices(topology, primitive, last);
-                let vertices = match &run {
-                    Some(run) => places.map(|place| base + (place - run.start)),
-                    None => {
-                        // No closure: it would be called.
-                        let mut vertices = places;
-                        for vertex in &mut vertices {
-                            *vertex = self.vertex(start, *vertex, indices.as_ref(), call, common);
-                        }
-                        vertices
-                    }
-                };
-                self.primitives.push(Assembled {
-                    vertices,
-                    primitive_id,
-                    common,
-                    provoking: topology::provoking(topology, last),
-                    stream: 0,
-                });
+            self.list_run(&segment);
+            match taken {
+                Some(taken) => self.list_inputs(&segment, span, points, taken),
+                None => self.list_primitives(&segment, span),
             }
             if is_new && self.corners.is_empty() {
                 latest = Some(Listed {
@@ -136,6 +111,78 @@ impl ChunkWorker {
                     primitives: first[1]..self.primitives.len(),
                 });
             }
+        }
+    }
+
+    /// Lists the vertices of a run.
+    fn list_run(&mut self, segment: &SegmentSource<'_>) {
+        let &SegmentSource { start, common, .. } = segment;
+        if let Some(run) = &segment.run {
+            self.vertices.extend(run.clone().map(|place| Vertex {
+                index: (start + u64::from(place)) as u32,
+                common,
+            }));
+        }
+    }
+
+    /// Lists the input primitives of a geometry or control shader, which takes so many vertices of
+    /// each; patches of so many points.
+    fn list_inputs(
+        &mut self,
+        segment: &SegmentSource<'_>,
+        span: &PrimitiveRange,
+        points: Option<usize>,
+        taken: usize,
+    ) {
+        let last = segment.provoking_last;
+        for (primitive_id, primitive) in (span.first_id..).zip(span.primitives.clone()) {
+            let (places, count) =
+                topology::corners(segment.topology, primitive, span.of_segment, last);
+            for corner in 0..taken {
+                // A topology that does not fit the shader lacks vertices.
+                let place = match points {
+                    Some(points) => primitive * points as u32 + corner as u32,
+                    None => places[corner.min(count - 1)],
+                };
+                let corner = match &segment.run {
+                    Some(run) => segment.base + (place - run.start),
+                    None => self.vertex(segment, place),
+                };
+                self.corners.push(corner);
+            }
+            self.primitives.push(Assembled {
+                vertices: [0; 3],
+                primitive_id,
+                common: segment.common,
+                provoking: 0,
+                stream: 0,
+            });
+        }
+    }
+
+    /// Lists primitives that are rasterized as they are.
+    fn list_primitives(&mut self, segment: &SegmentSource<'_>, span: &PrimitiveRange) {
+        let last = segment.provoking_last;
+        for (primitive_id, primitive) in (span.first_id..).zip(span.primitives.clone()) {
+            let places = topology::vertices(segment.topology, primitive, last);
+            let vertices = match &segment.run {
+                Some(run) => places.map(|place| segment.base + (place - run.start)),
+                None => {
+                    // No closure: it would be called.
+                    let mut vertices = places;
+                    for vertex in &mut vertices {
+                        *vertex = self.vertex(segment, *vertex);
+                    }
+                    vertices
+                }
+            };
+            self.primitives.push(Assembled {
+                vertices,
+                primitive_id,
+                common: segment.common,
+                provoking: topology::provoking(segment.topology, last),
+                stream: 0,
+            });
         }
     }
 
@@ -161,21 +208,18 @@ impl ChunkWorker {
         }
     }
 
-    /// The place in the run of a vertex of a segment.
+    /// The number of a segment's vertex among the worker's vertices.
     #[inline(always)]
-    fn vertex(
-        &mut self,
-        start: u64,
-        place: u32,
-        indices: Option<&Indices>,
-        call: &DrawCall,
-        common: u32,
-    ) -> u32 {
-        let place = start + u64::from(place);
-        let index = match indices {
-            Some(indices) => indices.at(place).wrapping_add(call.vertex_offset as u32),
+    fn vertex(&mut self, segment: &SegmentSource<'_>, place: u32) -> u32 {
+        let place = segment.start + u64::from(place);
+        let index = match segment.indices {
+            Some(indices) => {
+                let offset = segment.call.vertex_offset as u32;
+                indices.at(place).wrapping_add(offset)
+            }
             None => place as u32,
         };
+        let common = segment.common;
         let new = self.vertices.len() as u32;
         let found = self.unique.place(index, new);
         if found == new {

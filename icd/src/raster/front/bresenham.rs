@@ -16,6 +16,11 @@ use crate::raster::primitive::{Bounds, Coverage, Shape};
 
 const HALF: i64 = PIXEL as i64 / 2;
 
+/// The column of a coordinate along a line.
+fn column_of(u: i64) -> i64 {
+    u.div_euclid(i64::from(PIXEL))
+}
+
 /// A line seen along its longer side: `u` runs along, `v` across.
 struct MajorLine {
     /// u is x.
@@ -78,6 +83,25 @@ impl MajorLine {
         u > center
     }
 
+    /// Whether the line starts in a column that is not after the one it ends in.
+    fn is_forward(&self) -> bool {
+        column_of(self.from[0]) <= column_of(self.to[0])
+    }
+
+    /// The first and the last column with a pixel; the last is less if there is none.
+    fn columns(&self) -> [i64; 2] {
+        // An end between two columns is moved into the first.
+        let mut low = column_of(self.from[0].min(self.to[0]) - 1);
+        let mut high = column_of(self.from[0].max(self.to[0]));
+        while low <= high && !self.has(low) {
+            low += 1;
+        }
+        while low <= high && !self.has(high) {
+            high -= 1;
+        }
+        [low, high]
+    }
+
     fn has(&self, column: i64) -> bool {
         let center = [
             column * i64::from(PIXEL) + HALF,
@@ -92,6 +116,24 @@ impl MajorLine {
             let meets = start_past || in_diamond(self.from, center, self.is_x);
             meets && !end_past && !in_diamond(self.to, center, self.is_x)
         }
+    }
+}
+
+/// The pattern of a stippled line.
+struct Stipple {
+    pattern: u16,
+    factor: u32,
+    /// Columns of the lines that this one continues.
+    before: u64,
+    /// The line's first column, and the direction of the next one.
+    first: i64,
+    step: i64,
+}
+
+impl Stipple {
+    fn has(&self, column: i64) -> bool {
+        let index = self.before + ((column - self.first) * self.step) as u64;
+        self.pattern >> (index / u64::from(self.factor) % 16) & 1 != 0
     }
 }
 
@@ -128,6 +170,26 @@ impl LineRows {
     }
 }
 
+/// The bounds of pixels in the order of columns, whose rows are in a range.
+fn bounds_of(pixels: &[[i16; 2]], rows: [i64; 2], is_x: bool) -> Option<Bounds> {
+    let (one, last) = (pixels.first()?, pixels.last()?);
+    let [least, greatest] = rows.map(|row| row as i32);
+    Some(match is_x {
+        true => Bounds {
+            left: one[0].into(),
+            top: least,
+            right: i32::from(last[0]) + 1,
+            bottom: greatest,
+        },
+        false => Bounds {
+            left: least,
+            top: one[1].into(),
+            right: greatest,
+            bottom: i32::from(last[1]) + 1,
+        },
+    })
+}
+
 impl SetUp<'_> {
     /// Adds the pixels of a line.
     pub fn bresenham(&mut self, segment: &Segment, record: u32, limits: Bounds) {
@@ -137,22 +199,16 @@ impl SetUp<'_> {
         for end in [&mut line.from, &mut line.to] {
             end[1] -= HALF * (width - 1);
         }
-        let column = |u: i64| u.div_euclid(i64::from(PIXEL));
-        let (start, end) = (column(line.from[0]), column(line.to[0]));
-        // An end between two columns is moved into the first.
-        let before = column(line.from[0].min(line.to[0]) - 1);
-        let (mut low, mut high) = (before, start.max(end));
-        while low <= high && !line.has(low) {
-            low += 1;
-        }
-        while low <= high && !line.has(high) {
-            high -= 1;
-        }
-        let (first, step) = if start <= end { (low, 1) } else { (high, -1) };
-        let stippled = self.stippled as u64;
-        let count = high - low + 1;
-        if count > 0 && self.facts.lines.stipple.is_some() {
-            self.stippled += count as f64;
+        let [low, high] = line.columns();
+        let stipple = self.facts.lines.stipple.map(|(pattern, factor)| Stipple {
+            pattern,
+            factor,
+            before: self.stippled as u64,
+            first: if line.is_forward() { low } else { high },
+            step: if line.is_forward() { 1 } else { -1 },
+        });
+        if stipple.is_some() && low <= high {
+            self.stippled += (high - low + 1) as f64;
         }
         let (along, across) = (
             (limits.left.into(), limits.right.into()),
@@ -173,11 +229,8 @@ impl SetUp<'_> {
         for column in low..=high {
             let row = rows.row();
             rows.advance();
-            if let Some((pattern, factor)) = self.facts.lines.stipple {
-                let index = stippled + ((column - first) * step) as u64;
-                if pattern >> (index / u64::from(factor) % 16) & 1 == 0 {
-                    continue;
-                }
+            if stipple.as_ref().is_some_and(|it| !it.has(column)) {
+                continue;
             }
             let (from, to) = (row.max(across.0), (row + width).min(across.1));
             if from >= to {
@@ -192,24 +245,8 @@ impl SetUp<'_> {
             }
         }
         let list = &pixels[first_pixel..];
-        let (Some(one), Some(last)) = (list.first(), list.last()) else {
+        let Some(bounds) = bounds_of(list, [least, greatest], line.is_x) else {
             return;
-        };
-        // Columns are in order.
-        let [least, greatest] = [least, greatest].map(|row| row as i32);
-        let bounds = match line.is_x {
-            true => Bounds {
-                left: one[0].into(),
-                top: least,
-                right: i32::from(last[0]) + 1,
-                bottom: greatest,
-            },
-            false => Bounds {
-                left: least,
-                top: one[1].into(),
-                right: greatest,
-                bottom: i32::from(last[1]) + 1,
-            },
         };
         self.chunk.shapes.push(Shape {
             record,

@@ -14,17 +14,16 @@ use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, GeometryInput, emitted_topology};
 use super::mesh::{self, Mesh, MeshOutput, Part, Tasks};
-use super::outputs::OutputPlaces;
+use super::outputs::{DrawOutputs, OutputPlaces};
 use super::patches::{
     Control, ControlInput, DomainVertex, Evaluation, Patches, Pieces, Subdivided, control_points,
     list,
 };
 use super::project::Projection;
-use super::screen::{ScreenVertex, code};
-use super::set_up::{Corners, Primitive, SetUp};
+use super::screen::ScreenVertex;
 use super::streams;
-use super::topology::{self, Assembled, PrimitiveKind};
-use super::vertices::{Shaded, Unique, shade};
+use super::topology::Assembled;
+use super::vertices::{Unique, shade};
 use super::{Expanded, draw_of};
 use crate::raster::primitive::Grid;
 use crate::raster::{Chunk, Draw, Targets, Work};
@@ -47,7 +46,7 @@ pub struct ChunkWorker {
     /// Of a draw with patches.
     subdivided: Subdivided,
     domain_vertices: Vec<DomainVertex>,
-    on_screen: Vec<ScreenVertex>,
+    pub(super) on_screen: Vec<ScreenVertex>,
 }
 
 /// The source of a chunk's primitives.
@@ -275,8 +274,13 @@ impl ChunkWorker {
         if facts.discard && draw.counters.is_empty() {
             return Ok(());
         }
-        let shaded = (first_word as u32, first_of_primitives, places);
-        self.set_up(round, draw, index, &facts, shaded, chunk)
+        let outputs = DrawOutputs {
+            first_word: first_word as u32,
+            first_of_primitives,
+            places,
+            topology,
+        };
+        self.set_up(round, (draw, index), &facts, outputs, chunk)
     }
 
     /// Runs the control shader for the patches of a job.
@@ -467,8 +471,13 @@ impl ChunkWorker {
         if !is_set_up {
             return Ok(());
         }
-        let shaded = (first_word, first_word, places);
-        self.set_up(round, draw, index, &facts, shaded, chunk)
+        let outputs = DrawOutputs {
+            first_word,
+            first_of_primitives: first_word,
+            places,
+            topology,
+        };
+        self.set_up(round, (draw, index), &facts, outputs, chunk)
     }
 
     /// Replaces the primitives by those that a geometry shader makes of them.
@@ -508,155 +517,6 @@ impl ChunkWorker {
                 .geometry_primitives
                 .fetch_add(self.primitives.len() as u64, Ordering::Relaxed);
         }
-        Ok(())
-    }
-
-    /// Makes records and shapes of the primitives.
-    fn set_up(
-        &mut self,
-        round: &Round<'_>,
-        draw: &Draw,
-        draw_index: u32,
-        facts: &Facts,
-        (first_word, first_of_primitives, places): (u32, u32, OutputPlaces),
-        chunk: &mut Chunk,
-    ) -> Result<(), Stopped> {
-        let count = self.primitives.len();
-        let has_room =
-            chunk.records.try_reserve(count).is_ok() && chunk.shapes.try_reserve(count).is_ok();
-        if !has_room {
-            return Err(Stopped::OutOfMemory);
-        }
-        // Set-up writes all of a chunk but these.
-        let outputs = std::mem::take(&mut chunk.outputs);
-        let shaded = Shaded {
-            places,
-            words: &outputs[first_word as usize..],
-            of_primitives: &outputs[first_of_primitives as usize..],
-        };
-        let primitive_words = places.primitive_words as u32;
-        let records = chunk.records.len();
-        let shapes = chunk.shapes.len();
-        let pixels = chunk.pixels.len();
-        let mut set_up = SetUp {
-            facts,
-            chunk,
-            stippled: 0.0,
-            clipped: 0,
-        };
-        let has_views = round.targets.view_mask != 0;
-        let topology = made_topology(draw);
-        let kind = topology::kind(topology);
-        let continues = topology::is_line_strip(topology);
-        // Of filled triangles: what needs a closer look.
-        let harmful = facts
-            .harmless_codes()
-            .filter(|_| kind == Some(PrimitiveKind::Triangle))
-            .map(|harmless| !harmless);
-        let is_line = kind == Some(PrimitiveKind::Line);
-        let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
-        let mut last = None;
-        for (number, assembled) in self.primitives.iter().enumerate() {
-            // Arrays are written out here and in what is called: closures of `map` would be called,
-            // too.
-            let [a, b, c] = assembled.vertices;
-            let provoking = assembled.vertices[usize::from(assembled.provoking)];
-            let common = &self.commons[assembled.common as usize];
-            let (layer, layers) = match has_views {
-                true => (common.view, u32::MAX),
-                false => (shaded.layer(provoking, number), facts.layers.max(1)),
-            };
-            let viewport = shaded.viewport(provoking, number);
-            // Made where it is needed: one place in memory for all would be written and read again
-            // in pieces of other sizes.
-            let primitive = || Primitive {
-                draw: draw_index,
-                primitive_id: assembled.primitive_id,
-                layer,
-                view_index: common.view,
-                viewport,
-                vertices: [
-                    first_word + a * places.words as u32,
-                    first_word + b * places.words as u32,
-                    first_word + c * places.words as u32,
-                ],
-                provoking: assembled.provoking,
-                words: first_of_primitives + number as u32 * primitive_words,
-            };
-            if layer >= layers {
-                continue;
-            }
-            // A pattern starts anew with each line that does not continue the one before it.
-            let follows = last == Some((assembled.vertices[0], assembled.common));
-            if !(continues && follows) {
-                set_up.stippled = 0.0;
-            }
-            last = Some((assembled.vertices[1], assembled.common));
-            let own: [ScreenVertex; 3];
-            let view = facts.views.get(viewport as usize);
-            let on_screen: [&ScreenVertex; 3] = match (is_projected, view) {
-                (true, _) => [
-                    &self.on_screen[a as usize],
-                    &self.on_screen[b as usize],
-                    &self.on_screen[c as usize],
-                ],
-                (false, Some(view)) => {
-                    own = assembled
-                        .vertices
-                        .map(|it| shaded.project(it, &view.screen, &facts.volume));
-                    own.each_ref()
-                }
-                (false, None) => continue,
-            };
-            let [first, second, third] = [on_screen[0].code, on_screen[1].code, on_screen[2].code];
-            let all = first | second | third;
-            if first & second & third & code::REJECT != 0 {
-                continue;
-            }
-            if harmful.is_some_and(|harmful| all & harmful == 0) {
-                set_up.clipped += 1;
-                set_up.whole_triangle(&primitive(), on_screen);
-                continue;
-            }
-            if is_line && all & code::CUT == 0 {
-                set_up.whole_line(&primitive(), [on_screen[0], on_screen[1]]);
-                continue;
-            }
-            if kind == Some(PrimitiveKind::Point) {
-                let size = shaded.point_size(a);
-                set_up.point(&primitive(), on_screen[0], size, 0, (true, 0.0));
-                continue;
-            }
-            let corners = Corners {
-                screen: on_screen,
-                positions: assembled.vertices.map(|vertex| shaded.position(vertex)),
-                distances: assembled
-                    .vertices
-                    .map(|vertex| shaded.clip_distances(vertex)),
-                point_sizes: assembled.vertices.map(|vertex| shaded.point_size(vertex)),
-            };
-            let primitive = primitive();
-            match kind {
-                Some(PrimitiveKind::Triangle) => set_up.triangle(&primitive, &corners),
-                Some(PrimitiveKind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
-                _ => {}
-            }
-        }
-        let clipped = set_up.clipped;
-        for counters in &draw.counters {
-            counters
-                .clipping_invocations
-                .fetch_add(count as u64, Ordering::Relaxed);
-            counters
-                .clipping_primitives
-                .fetch_add(clipped, Ordering::Relaxed);
-        }
-        if facts.discard {
-            chunk.records.truncate(records);
-            chunk.shapes.truncate(shapes);
-            chunk.pixels.truncate(pixels);
-        }
-        chunk.outputs = outputs;
         Ok(())
     }
 }

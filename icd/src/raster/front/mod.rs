@@ -37,6 +37,7 @@ mod point;
 mod project;
 mod screen;
 mod set_up;
+mod shapes;
 mod streams;
 mod tessellate;
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 #![forbid(unsafe_code)]
 
+use ash::vk::PrimitiveTopology as Topology;
 use spirv_jit::Program;
 use spirv_jit::program::OutputRow;
 
@@ -26,6 +27,16 @@ pub struct OutputPlaces {
     pub primitive_words: usize,
     pub indices: [Option<u16>; 3],
     pub culled: Option<u16>,
+}
+
+/// The outputs of a draw in a chunk.
+pub struct DrawOutputs {
+    pub first_word: u32,
+    /// First of the words that a mesh program gave to primitives.
+    pub first_of_primitives: u32,
+    pub places: OutputPlaces,
+    /// Of the primitives that the outputs belong to.
+    pub topology: Topology,
 }
 
 impl OutputPlaces {

@@ -6,8 +6,8 @@ use lanes::vector::Vector;
 use smallvec::SmallVec;
 
 use super::color::{ComponentRows, SourceOver};
-use super::coverage::Covered;
-use super::depth::Tested;
+use super::coverage::{Covered, Square};
+use super::depth::{Plain, Tested};
 use super::interpolation::{clamped, depths, interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
 use super::passed::{Change, Part, Passed, Texels, Value, texels_of};
@@ -45,6 +45,8 @@ lanes::vectors! {
             v,
             plan,
             part,
+            plain: plan.tests.plain().filter(|_| plan.samples == 1),
+            is_untested: plan.samples == 1 && plan.tests.is_empty(),
             has_program: passed.slopes.is_some(),
             values: &values,
             solid,
@@ -53,7 +55,8 @@ lanes::vectors! {
                 Some(_) => None,
             },
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller owns the tile, and covers only the render area, except for blocks at
+        // its edge.
         unsafe { painter.paint(covered, counts) };
     }
 }
@@ -88,6 +91,10 @@ struct DirectPrimitive<'a, V: Vector> {
     v: V,
     plan: &'a Plan<'a>,
     part: &'a Part<'a>,
+    /// The only test of the only samples.
+    plain: Option<Plain<'a>>,
+    /// No test applies to the only samples.
+    is_untested: bool,
     has_program: bool,
     /// By row of outputs, if the texels are not those of all primitives.
     values: &'a [Value],
@@ -98,12 +105,13 @@ struct DirectPrimitive<'a, V: Vector> {
 }
 
 impl<V: Vector> DirectPrimitive<'_, V> {
+    /// Draws the covered pixels.
+    ///
     /// # Safety
     /// As [`draw`].
     #[inline(always)]
     unsafe fn paint(&self, covered: &Covered, counts: &mut Counts) {
-        let Self { plan, part, .. } = self;
-        let layer = part.record.layer.into();
+        let plan = self.plan;
         let mut whole = [0; MAX_SAMPLES];
         for (sample, mask) in whole.iter_mut().enumerate().take(plan.samples as usize) {
             if plan.sample_mask >> sample & 1 != 0 {
@@ -115,40 +123,92 @@ impl<V: Vector> DirectPrimitive<'_, V> {
         }
         let filled = self.solid.filter(|_| plan.tests.is_empty());
         if let Some(texels) = filled {
-            for square in &covered.squares {
-                let size = i32::from(square.size);
-                let pixels = (size * size) as u64;
-                counts.samples += pixels / 16 * count(&whole);
-                counts.invocations += if self.has_program { pixels } else { 0 };
-                for (color, texel) in plan.output.colors.iter().zip(texels) {
-                    for sample in (0..plan.samples).filter(|&sample| whole[sample as usize] != 0) {
-                        let place = square.place(part.corner);
-                        // SAFETY: the caller's promise.
-                        unsafe { fill(&color.target, place, size, layer, sample, texel) };
-                    }
-                }
-            }
+            // SAFETY: the caller provides squares in the render area.
+            unsafe { self.fill_squares(texels, covered, &whole, counts) };
         }
         let source_over = self.source_over.as_ref().filter(|_| plan.tests.is_empty());
         if let (Some(source_over), [color]) = (source_over, &plan.output.colors[..]) {
-            for square in &covered.squares {
-                let pixels = u64::from(square.size) * u64::from(square.size);
-                counts.samples += pixels;
-                counts.invocations += pixels;
-                let place = square.place(part.corner);
-                // SAFETY: the caller's promise: squares lie in the render area.
-                unsafe { self.lay(source_over, &color.target, place, square.size) };
-            }
+            // SAFETY: the caller provides squares in the render area.
+            unsafe { self.blend_squares(source_over, &color.target, covered, counts) };
         }
         let squares = match filled.is_some() || source_over.is_some() {
             true => &[],
             false => &covered.squares[..],
         };
-        let plain = (plan.tests.plain()).filter(|_| plan.samples == 1);
-        let is_untested = plan.samples == 1 && plan.tests.is_empty();
-        // One loop for both, so that what they do stands in the code once.
+        // SAFETY: the caller provides squares in the render area, and blocks that are outside of it
+        // only at its edge.
+        unsafe { self.paint_rows(squares, covered, &whole, counts) };
+    }
+
+    /// Fills the squares, which no test applies to, with the texel of each attachment.
+    ///
+    /// # Safety
+    /// As [`draw`].
+    #[inline(always)]
+    unsafe fn fill_squares(
+        &self,
+        texels: &Texels,
+        covered: &Covered,
+        whole: &[u16; MAX_SAMPLES],
+        counts: &mut Counts,
+    ) {
+        let Self { plan, part, .. } = self;
+        let layer = part.record.layer.into();
+        for square in &covered.squares {
+            let size = i32::from(square.size);
+            let pixels = (size * size) as u64;
+            counts.samples += pixels / 16 * count(whole);
+            counts.invocations += if self.has_program { pixels } else { 0 };
+            for (color, texel) in plan.output.colors.iter().zip(texels) {
+                for sample in (0..plan.samples).filter(|&sample| whole[sample as usize] != 0) {
+                    let place = square.place(part.corner);
+                    // SAFETY: the caller provides squares in the render area, and so in all
+                    // attachments.
+                    unsafe { fill(&color.target, place, size, layer, sample, texel) };
+                }
+            }
+        }
+    }
+
+    /// Blends the squares, which no test applies to, with the only attachment.
+    ///
+    /// # Safety
+    /// As [`draw`].
+    #[inline(always)]
+    unsafe fn blend_squares(
+        &self,
+        source_over: &SourceOver<V>,
+        target: &Target,
+        covered: &Covered,
+        counts: &mut Counts,
+    ) {
+        for square in &covered.squares {
+            let pixels = u64::from(square.size) * u64::from(square.size);
+            counts.samples += pixels;
+            counts.invocations += pixels;
+            let place = square.place(self.part.corner);
+            // SAFETY: the caller provides squares in the render area.
+            unsafe { self.lay(source_over, target, place, square.size) };
+        }
+    }
+
+    /// Draws squares, and all blocks, by rows or blocks of sixteen pixels.
+    ///
+    /// # Safety
+    /// As [`draw`].
+    #[inline(always)]
+    unsafe fn paint_rows(
+        &self,
+        squares: &[Square],
+        covered: &Covered,
+        whole: &[u16; MAX_SAMPLES],
+        counts: &mut Counts,
+    ) {
+        let part = self.part;
+        let layer = part.record.layer.into();
+        // One loop for both, so that the code has their work once.
         for index in 0..squares.len() + covered.blocks.len() {
-            let (mut masks, mut size) = (whole, 1);
+            let (mut masks, mut size) = (*whole, 1);
             let first = match squares.get(index) {
                 Some(square) => {
                     size = i32::from(square.size);
@@ -166,38 +226,54 @@ impl<V: Vector> DirectPrimitive<'_, V> {
             for across in (0..size).step_by(16) {
                 let mut places = first;
                 places.x[0] += across;
-                let column = match plain {
-                    Some(_) if size > 1 => Some(self.column(places.x[0])),
-                    _ => None,
+                // SAFETY: the caller provides squares and blocks in the render area.
+                unsafe { self.paint_column(places, size, &masks, counts) };
+            }
+        }
+    }
+
+    /// Draws one below the other: `rows` rows of sixteen pixels, or a block.
+    ///
+    /// # Safety
+    /// As [`draw`], for these places.
+    #[inline(always)]
+    unsafe fn paint_column(
+        &self,
+        mut places: Places,
+        rows: i32,
+        masks: &[u16; MAX_SAMPLES],
+        counts: &mut Counts,
+    ) {
+        let column = match self.plain {
+            Some(_) if rows > 1 => Some(self.column(places.x[0])),
+            _ => None,
+        };
+        for _ in 0..rows {
+            let mut masks = *masks;
+            // SAFETY: the caller provides places in the render area.
+            unsafe {
+                let depths = match self.plain {
+                    None => None,
+                    Some(_) => self.plain_depths(&places, column),
                 };
-                for _ in 0..size {
-                    let mut masks = masks;
-                    // SAFETY: the caller's promise: squares lie in the render area.
-                    unsafe {
-                        let depths = match plain {
-                            None => None,
-                            Some(_) => self.plain_depths(&places, column),
-                        };
-                        let lanes = match (plain, depths) {
-                            (Some(plain), Some(depths)) => {
-                                masks[0] = plain.run(self.v, &places, depths, masks[0]);
-                                counts.samples += u64::from(masks[0].count_ones());
-                                masks[0]
-                            }
-                            _ if is_untested => {
-                                counts.samples += u64::from(masks[0].count_ones());
-                                masks[0]
-                            }
-                            _ => self.test(&places, &mut masks, counts),
-                        };
-                        if lanes != 0 && self.has_program {
-                            counts.invocations += u64::from(lanes.count_ones());
-                            self.color(&places, &masks);
-                        }
+                let lanes = match (self.plain, depths) {
+                    (Some(plain), Some(depths)) => {
+                        masks[0] = plain.run(self.v, &places, depths, masks[0]);
+                        counts.samples += u64::from(masks[0].count_ones());
+                        masks[0]
                     }
-                    places.y[0] += 1;
+                    _ if self.is_untested => {
+                        counts.samples += u64::from(masks[0].count_ones());
+                        masks[0]
+                    }
+                    _ => self.test(&places, &mut masks, counts),
+                };
+                if lanes != 0 && self.has_program {
+                    counts.invocations += u64::from(lanes.count_ones());
+                    self.color(&places, &masks);
                 }
             }
+            places.y[0] += 1;
         }
     }
 
@@ -215,7 +291,8 @@ impl<V: Vector> DirectPrimitive<'_, V> {
         for _ in 0..size {
             for across in 0..usize::from(size) / 16 {
                 let texels = row.wrapping_add(64 * across).cast::<Row>();
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller provides a square in the render area, so its rows are texels
+                // of the attachment.
                 unsafe {
                     let old = v.load_i(&texels.read_unaligned());
                     texels.write_unaligned(row_of(v, source_over.over(v, old)));
@@ -299,7 +376,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
                     depths,
                     references: None,
                 };
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller provides places in the render area.
                 left = unsafe { plan.tests.run(v, &tested, sample as u32, left) };
                 *mask = left;
             }
@@ -329,8 +406,8 @@ impl<V: Vector> DirectPrimitive<'_, V> {
                 ];
                 for (sample, &mask) in masks.iter().enumerate().take(plan.samples as usize) {
                     if mask != 0 {
-                        // SAFETY: the caller's promise. Nothing that is there matters to these
-                        // colours.
+                        // SAFETY: the caller provides places in the render area. No texel there is
+                        // read.
                         unsafe { store(v, &color.target, places, sample as u32, mask, &words) };
                     }
                 }
@@ -338,7 +415,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
             return;
         }
         if let (Some(source_over), [color]) = (&self.source_over, &plan.output.colors[..]) {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller provides places in the render area.
             unsafe {
                 let old = load_word(v, &color.target, places, 0, masks[0]);
                 let new = source_over.over(v, old);
@@ -363,7 +440,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
                 true => color.with_alpha(v, self.colors(&color.second, &mut weights)),
                 false => source,
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller provides places in the render area.
             unsafe {
                 (plan.output).write_color(v, color, &source, &second, places, masks);
             }

@@ -314,79 +314,96 @@ impl<'m> Emitter<'m> {
                     if in_prologue || ways.lanes.is_none() {
                         continue;
                     }
-                    if let &[result] = &inst.results[..] {
-                        let distance = self.distance(inst, ways);
-                        ways.distances
-                            .extend(distance.map(|distance| (result, distance)));
-                        ways.bounds
-                            .extend(self.bound(inst).map(|bound| (result, bound)));
-                    }
+                    self.note(inst, ways);
                     if self.placed().fusion.absorbs(inst) {
                         continue;
                     }
                     in_branches += (ways.open.len() > 1) as usize;
-                    let performed = match inst.op {
-                        Op::Load(access) => self.load(access, inst, ways).is_some(),
-                        Op::Store(access) => self.store(access, inst, ways).is_some(),
-                        Op::VarLoad(variable, row) => {
-                            let row = self.fixed_row(variable, row, inst);
-                            (row.and_then(|row| self.load_private(row, inst, ways))).is_some()
-                        }
-                        Op::VarStore(variable, row) => {
-                            let row = self.fixed_row(variable, row, inst);
-                            (row.and_then(|row| self.store_private(row, &inst.args, ways)))
-                                .is_some()
-                        }
-                        Op::Subgroup(op) => self.across(op, inst, ways).is_some(),
-                        Op::LaneIndex => {
-                            let result = self.place(inst.results[0]);
-                            ways.turns.lane_index(&result).is_some()
-                        }
-                        _ => self.fold(inst, ways).is_some() || self.write(inst, ways).is_some(),
-                    };
-                    if !performed || in_branches > MOST_IN_BRANCHES {
+                    self.operation(inst, ways)?;
+                    if in_branches > MOST_IN_BRANCHES {
                         return None;
                     }
                 }
-                Step::Open(node) => {
-                    let mut open = Open {
-                        label: node.label()?,
-                        results: node.definitions(),
-                        joined: None,
-                        pending: None,
-                    };
-                    match node {
-                        Node::If { condition, .. } => {
-                            ways.branches += 1;
-                            let condition = self.place(*condition);
-                            let both = match ways.lanes {
-                                Some(lanes) => Some(ways.turns.split(lanes, &condition)?),
-                                None => None,
-                            };
-                            ways.lanes = both.map(|[yes, _]| yes);
-                            open.pending = both.map(|[_, no]| no);
-                        }
-                        Node::Loop { .. } => return None,
-                        _ => {}
-                    }
-                    ways.open.push(open);
-                }
+                Step::Open(node) => self.open(node, ways)?,
                 Step::Else(_) => ways.lanes = ways.open.last_mut()?.pending.take(),
                 Step::End(body) => {
                     if let Some(lanes) = ways.lanes.take() {
                         self.branch(lanes, &body.end, params, indices, ways)?;
                     }
                 }
-                Step::Close(_) => {
-                    let open = ways.open.pop()?;
-                    if let Some((lanes, results)) = open.joined {
-                        ways.lanes = Some(lanes);
-                        let kept = self.kept(open.results);
-                        for (result, merged) in kept.into_iter().zip(results) {
-                            ways.turns.define(open.results[result], merged);
-                        }
-                    }
-                }
+                Step::Close(_) => self.close(ways)?,
+            }
+        }
+        Some(())
+    }
+
+    /// Notes the distance and the bound of an instruction's result, if they are known.
+    fn note(&self, inst: &Inst, ways: &mut Ways<'m>) {
+        if let &[result] = &inst.results[..] {
+            let distance = self.distance(inst, ways);
+            ways.distances
+                .extend(distance.map(|distance| (result, distance)));
+            ways.bounds
+                .extend(self.bound(inst).map(|bound| (result, bound)));
+        }
+    }
+
+    /// Writes an instruction. `None`: native code does not have it.
+    fn operation(&self, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        match inst.op {
+            Op::Load(access) => self.load(access, inst, ways),
+            Op::Store(access) => self.store(access, inst, ways),
+            Op::VarLoad(variable, row) => {
+                let row = self.fixed_row(variable, row, inst)?;
+                self.load_private(row, inst, ways)
+            }
+            Op::VarStore(variable, row) => {
+                let row = self.fixed_row(variable, row, inst)?;
+                self.store_private(row, &inst.args, ways)
+            }
+            Op::Subgroup(op) => self.across(op, inst, ways),
+            Op::LaneIndex => {
+                let result = self.place(inst.results[0]);
+                ways.turns.lane_index(&result)
+            }
+            _ => self.fold(inst, ways).or_else(|| self.write(inst, ways)),
+        }
+    }
+
+    /// Begins a construct; the lanes of a branch are divided.
+    fn open(&self, node: &'m Node, ways: &mut Ways<'m>) -> Option<()> {
+        let mut open = Open {
+            label: node.label()?,
+            results: node.definitions(),
+            joined: None,
+            pending: None,
+        };
+        match node {
+            Node::If { condition, .. } => {
+                ways.branches += 1;
+                let condition = self.place(*condition);
+                let both = match ways.lanes {
+                    Some(lanes) => Some(ways.turns.split(lanes, &condition)?),
+                    None => None,
+                };
+                ways.lanes = both.map(|[yes, _]| yes);
+                open.pending = both.map(|[_, no]| no);
+            }
+            Node::Loop { .. } => return None,
+            _ => {}
+        }
+        ways.open.push(open);
+        Some(())
+    }
+
+    /// Ends the innermost construct: lanes go on from there with its results.
+    fn close(&self, ways: &mut Ways<'m>) -> Option<()> {
+        let open = ways.open.pop()?;
+        if let Some((lanes, results)) = open.joined {
+            ways.lanes = Some(lanes);
+            let kept = self.kept(open.results);
+            for (result, merged) in kept.into_iter().zip(results) {
+                ways.turns.define(open.results[result], merged);
             }
         }
         Some(())

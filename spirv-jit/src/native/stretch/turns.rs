@@ -13,7 +13,7 @@ use super::lower::int;
 use super::weave::{in_turn, waits};
 use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual, without_unused};
 use crate::ir::{Type, Value};
-use crate::native::allocate::{Alike, Carried, LOAD, STORE, Step, allocate_turn};
+use crate::native::allocate::{Alike, Carried, LOAD, STORE, Step, Turn, allocate_turn};
 use crate::native::encode::{
     Assembler, Base, Constant, Encoding, Memory, NOT_NEGATIVE, NOT_ZERO, Operand, ZERO,
 };
@@ -411,44 +411,53 @@ impl Turns {
     /// `fuel`. `None`: more values live at once than there are registers and rows for, or several
     /// subgroups have too few registers.
     pub fn assemble(mut self, fuel: u32) -> Option<Vec<u8>> {
-        let (encoding, halves, subgroups) = (self.stretch.encoding, self.halves(), self.subgroups);
-        let mut a = Assembler::new(encoding);
-        // push rbx; push rbp; push r13; push r14
-        a.bytes.extend([0x53, 0x55, 0x41, 0x55, 0x41, 0x56]);
-        // sub rsp, bytes of the stack; lea rbp, [rsp + 63]; and rbp, -64
-        a.bytes.extend([0x48, 0x81, 0xec]);
-        let stack_size = a.bytes.len();
-        a.bytes.extend([0; 4]);
-        a.bytes
-            .extend([0x48, 0x8d, 0x6c, 0x24, 63, 0x48, 0x83, 0xe5, 0xc0]);
-        // mov r14, r9; mov r11, [r14]; mov r10, r8
-        a.bytes.extend([0x4d, 0x89, 0xce]);
-        a.bytes.extend([0x4d, 0x8b, 0x1e, 0x4d, 0x89, 0xc2]);
+        let mut a = Assembler::new(self.stretch.encoding);
+        let stack_size = emit_entry(&mut a);
         let start = a.bytes.len();
-        if halves == 1 {
+        self.emit_pointers(&mut a);
+        let half = a.bytes.len();
+        let turn = self.emit_turn(&mut a)?;
+        let none = self.emit_next_turn(&mut a, turn.head, fuel)?;
+        // The fuel is out.
+        self.emit_rows(&mut a)?;
+        a.land(none);
+        self.emit_next_subgroups(&mut a, [start, half]);
+        emit_return(&mut a, turn.stack_bytes);
+        a.bytes[stack_size..stack_size + 4].copy_from_slice(&turn.stack_bytes.to_le_bytes());
+        Some(a.finish(&self.stretch.pool))
+    }
+
+    /// The rows of the subgroups that take a turn together.
+    fn emit_pointers(&self, a: &mut Assembler) {
+        if self.halves() == 1 {
             // mov r8, rdi; mov r9, rdi; mov eax, 2
             a.bytes
                 .extend([0x49, 0x89, 0xf8, 0x49, 0x89, 0xf9, 0xb8, 2, 0, 0, 0]);
         }
-        if subgroups > 1 {
+        if self.subgroups > 1 {
             // lea r8, [rdi + rcx]
             a.bytes.extend([0x4c, 0x8d, 0x04, 0x0f]);
         }
-        if subgroups > 2 {
+        if self.subgroups > 2 {
             // lea r9, [rdi + 2 rcx]; lea rax, [r8 + 2 rcx]
             a.bytes.extend([0x4c, 0x8d, 0x0c, 0x4f]);
             a.bytes.extend([0x49, 0x8d, 0x04, 0x48]);
         }
-        let half = a.bytes.len();
+    }
+
+    /// The first turn's beginning, then the turn: with halves and subgroups in turn if its results
+    /// wait for each other, and registers suffice.
+    fn emit_turn(&mut self, a: &mut Assembler) -> Option<Turn> {
+        let (halves, subgroups) = (self.halves() as usize, self.subgroups);
         let bits = self.stretch.constant(Constant::LaneBits);
         let bits = self.stretch.infos[bits as usize].home?;
-        let infos = self.stretch.infos;
+        let infos = std::mem::take(&mut self.stretch.infos);
         let mut is_used: Vec<bool> = infos.iter().map(|info| info.keep).collect();
         for value in &self.carried {
             is_used[value.after as usize] = true;
         }
-        let steps = without_unused(self.stretch.steps, is_used);
-        let waits = self.is_paired && waits(&steps, infos.len(), halves as usize);
+        let steps = without_unused(std::mem::take(&mut self.stretch.steps), is_used);
+        let waits = self.is_paired && waits(&steps, infos.len(), halves);
         let woven = waits.then(|| in_turn(&steps, subgroups)).and_then(|steps| {
             let (mut carried, mut attempt) = (self.carried.clone(), a.clone());
             let turn = allocate_turn(&steps, infos.clone(), &mut carried, bits, &mut attempt);
@@ -456,35 +465,33 @@ impl Turns {
             let moves = turn.spills + turn.evictions;
             (moves * STEPS_OF_MOVE <= steps.len()).then_some((turn, carried, attempt))
         });
-        let turn = match woven {
-            Some((turn, carried, attempt)) => {
-                (self.carried, a) = (carried, attempt);
-                turn
-            }
-            None => {
-                let steps = halves_apart(steps);
-                let turn = allocate_turn(&steps, infos, &mut self.carried, bits, &mut a).ok()?;
-                if subgroups > 1 && turn.spills * STEPS_OF_SPILL > steps.len() {
-                    return None;
-                }
-                turn
-            }
-        };
-        let (head, stack_bytes) = (turn.head, turn.stack_bytes);
+        if let Some((turn, carried, attempt)) = woven {
+            (self.carried, *a) = (carried, attempt);
+            return Some(turn);
+        }
+        let steps = halves_apart(steps);
+        let turn = allocate_turn(&steps, infos, &mut self.carried, bits, a).ok()?;
+        (subgroups == 1 || turn.spills * STEPS_OF_SPILL <= steps.len()).then_some(turn)
+    }
 
-        // On to the next turn with lanes that stay.
-        let lanes = |value: &&Carried| value.lanes.is_some();
-        let masks: Vec<_> = self.carried.iter().filter(lanes).collect();
+    /// The masks of lanes among the carried values.
+    fn masks(&self) -> impl Iterator<Item = &Carried> {
+        self.carried.iter().filter(|value| value.lanes.is_some())
+    }
+
+    /// On to the next turn, at `head`, with lanes that stay. The jump is taken if there are none.
+    fn emit_next_turn(&self, a: &mut Assembler, head: usize, fuel: u32) -> Option<usize> {
+        let count = self.masks().count();
         let mut some = Vec::new();
         let mut none = None;
-        for (k, value) in masks.iter().enumerate() {
+        for (k, value) in self.masks().enumerate() {
             let register = value.register?;
             let rm = Operand::Register(register);
-            match encoding {
+            match self.stretch.encoding {
                 Encoding::Vex => a.vector(TESTPS, (register, 0, rm), 0, None),
                 Encoding::Evex => a.mask(KORTESTW, (register, 0, rm), false, None),
             }
-            match k + 1 < masks.len() {
+            match k + 1 < count {
                 true => some.push(a.jump_ahead(NOT_ZERO)),
                 false => none = Some(a.jump_ahead(ZERO)),
             }
@@ -492,11 +499,14 @@ impl Turns {
         some.into_iter().for_each(|jump| a.land(jump));
         // sub r11, the turn's fuel
         a.bytes.extend([0x49, 0x81, 0xeb]);
-        a.bytes.extend((fuel * halves).to_le_bytes());
+        a.bytes.extend((fuel * self.halves()).to_le_bytes());
         let next = a.jump_ahead(NOT_NEGATIVE);
         a.land_at(next, head);
+        none
+    }
 
-        // The fuel is out.
+    /// Stores the values and the lanes for the next turn: the interpreter goes on with them.
+    fn emit_rows(&self, a: &mut Assembler) -> Option<()> {
         for value in &self.carried {
             let Some(register) = value.register else {
                 continue;
@@ -510,11 +520,11 @@ impl Turns {
                 a.vector(STORE, (register, 0, Operand::Memory(row)), 0, None);
             }
         }
-        for value in masks {
+        for value in self.masks() {
             const EBX: u8 = 3;
             let rm = Operand::Register(value.register?);
             let at = STAYING as u8 + value.lanes? as u8;
-            match encoding {
+            match self.stretch.encoding {
                 Encoding::Vex => {
                     a.vector(MOVMSKPS, (EBX, 0, rm), 0, None);
                     // mov [r10 + at], bl
@@ -538,8 +548,12 @@ impl Turns {
                 }
             }
         }
-        a.land(none?);
+        Some(())
+    }
 
+    /// Jumps to `start` for the next subgroups, or to `half` for the second half of this one.
+    fn emit_next_subgroups(&self, a: &mut Assembler, [start, half]: [usize; 2]) {
+        let (halves, subgroups) = (self.halves(), self.subgroups);
         // add r10, a byte for each eight lanes
         a.bytes.extend([0x49, 0x83, 0xc2, halves as u8]);
         if halves == 1 {
@@ -559,15 +573,33 @@ impl Turns {
         a.bytes
             .extend([0x48, 0x8d, 0x3c, scale << 6 | 0x0f, 0x48, 0xff, 0xca]);
         a.jump_if_not_zero(start);
-        // mov [r14], r11; add rsp, bytes of the stack; pop r14; pop r13; pop rbp; pop rbx
-        a.bytes.extend([0x4d, 0x89, 0x1e, 0x48, 0x81, 0xc4]);
-        a.bytes.extend(stack_bytes.to_le_bytes());
-        a.bytes.extend([0x41, 0x5e, 0x41, 0x5d, 0x5d, 0x5b]);
-        a.bytes[stack_size..stack_size + 4].copy_from_slice(&stack_bytes.to_le_bytes());
-        // vzeroupper; ret
-        a.bytes.extend([0xc5, 0xf8, 0x77, 0xc3]);
-        Some(a.finish(&self.stretch.pool))
     }
+}
+
+/// Saves registers and makes room on the stack. Gives the place of the room's size in bytes.
+fn emit_entry(a: &mut Assembler) -> usize {
+    // push rbx; push rbp; push r13; push r14
+    a.bytes.extend([0x53, 0x55, 0x41, 0x55, 0x41, 0x56]);
+    // sub rsp, bytes of the stack; lea rbp, [rsp + 63]; and rbp, -64
+    a.bytes.extend([0x48, 0x81, 0xec]);
+    let stack_size = a.bytes.len();
+    a.bytes.extend([0; 4]);
+    a.bytes
+        .extend([0x48, 0x8d, 0x6c, 0x24, 63, 0x48, 0x83, 0xe5, 0xc0]);
+    // mov r14, r9; mov r11, [r14]; mov r10, r8
+    a.bytes.extend([0x4d, 0x89, 0xce]);
+    a.bytes.extend([0x4d, 0x8b, 0x1e, 0x4d, 0x89, 0xc2]);
+    stack_size
+}
+
+/// Restores registers and returns.
+fn emit_return(a: &mut Assembler, stack_bytes: i32) {
+    // mov [r14], r11; add rsp, bytes of the stack; pop r14; pop r13; pop rbp; pop rbx
+    a.bytes.extend([0x4d, 0x89, 0x1e, 0x48, 0x81, 0xc4]);
+    a.bytes.extend(stack_bytes.to_le_bytes());
+    a.bytes.extend([0x41, 0x5e, 0x41, 0x5d, 0x5d, 0x5b]);
+    // vzeroupper; ret
+    a.bytes.extend([0xc5, 0xf8, 0x77, 0xc3]);
 }
 
 /// All that one half does before what the other does, up to each step that takes both.
