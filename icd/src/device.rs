@@ -8,7 +8,7 @@ use rspirv::spirv::Capability;
 use spirv_jit::abort::Aborts;
 
 use crate::VkResult;
-use crate::execute::{Engine, Watch};
+use crate::execute::{Engine, EngineOptions};
 use crate::handle::{self, Ref};
 use crate::object::PhysicalDevice;
 use crate::object::addressed::AddressReport;
@@ -82,7 +82,7 @@ impl Device {
 
     /// Validation, where it is on.
     pub fn validator(&self) -> Option<&Validator> {
-        self.engine.validator.as_deref()
+        self.engine.options.validator.as_deref()
     }
 
     /// A device with `queue_count` queues. It starts no thread: queues and workers start theirs
@@ -119,7 +119,7 @@ impl Device {
             physical.thread_count,
             Arc::clone(&physical.messengers),
             Arc::clone(&window.live),
-            Watch {
+            EngineOptions {
                 validator,
                 aborts: aborts.map(Arc::new),
                 wild_addresses: enabled.device_fault,
@@ -127,7 +127,7 @@ impl Device {
                     && !extensions.contains(Extension::EXT_DEPTH_RANGE_UNRESTRICTED),
                 serializes_blocks: extensions.contains(Extension::KHR_OPACITY_MICROMAP),
                 replays_heaps: enabled.heap_capture_replay,
-                ..Watch::default()
+                ..EngineOptions::default()
             },
         );
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));

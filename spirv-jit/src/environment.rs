@@ -144,7 +144,7 @@ impl DescriptorSet {
         if !self.stored {
             return address;
         }
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller guarantees that the set is bound.
         match unsafe { self.block(entry as u32) } {
             Some(block) => &raw const *block as u64,
             None => address | STORED,
@@ -188,8 +188,8 @@ pub mod uniform {
 /// Everything that is the same for all invocations of a dispatch.
 #[derive(Clone)]
 pub struct Environment {
-    /// Of [`Environment::next_number`], one for everything else here and what it points to: what
-    /// programs compute of it is kept by number.
+    /// A number of [`Environment::next_number`] for these fields and the data that they point to.
+    /// Programs cache values that they compute of them by this number.
     pub number: u64,
     pub sets: [DescriptorSet; MAX_SETS],
     /// Dynamic uniform and storage buffers with their offsets applied; per set, the first one's
@@ -232,7 +232,7 @@ pub struct Samples {
 
 // SAFETY: plain data, as descriptors are.
 unsafe impl Send for Samples {}
-// SAFETY: as above.
+// SAFETY: plain data, as descriptors are.
 unsafe impl Sync for Samples {}
 
 impl Samples {
@@ -261,8 +261,14 @@ impl Environment {
         NUMBER.fetch_add(1, Ordering::Relaxed)
     }
 
-    /// Nothing is bound; physical pointers are followed wherever they lead.
+    /// Nothing is bound; physical pointers are followed to all addresses.
     pub fn unbound() -> Self {
+        Self::new(Arc::new(Reach::everywhere()), Arc::default())
+    }
+
+    /// Nothing is bound; physical pointers are followed within `reach`, and stored descriptors name
+    /// `views`.
+    pub fn new(reach: Arc<Reach>, views: Arc<Views>) -> Self {
         Self {
             number: Self::next_number(),
             sets: [DescriptorSet::NONE; MAX_SETS],
@@ -270,11 +276,11 @@ impl Environment {
             dynamic_count: 0,
             push_constants: Descriptor::NULL,
             uniforms: [0; uniform::COUNT],
-            reach: Arc::new(Reach::everywhere()),
+            reach,
             strays: None,
             prints: None,
             aborts: None,
-            views: Arc::default(),
+            views,
             samples: None,
         }
     }
@@ -288,7 +294,7 @@ impl Environment {
     pub unsafe fn held_image(&self, descriptor: &Descriptor) -> Option<ImageDescriptor> {
         match &self.samples {
             None => descriptor.held_image(),
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller guarantees that the descriptor is of this environment.
             Some(samples) => unsafe { held_samples(samples, descriptor) },
         }
     }
@@ -301,13 +307,15 @@ impl Environment {
     #[inline(always)]
     pub unsafe fn descriptor(&self, address: u64) -> Descriptor {
         if address & STORED != 0 {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller guarantees that the address comes from `Op::Descriptor`, or is
+            // zero.
             return unsafe { self.stored_descriptor(address) };
         }
         if address < LOWEST_ADDRESS {
             return Descriptor::NULL;
         }
-        // SAFETY: as the caller promises; sets outlive the dispatch.
+        // SAFETY: the caller guarantees that the address comes from `Op::Descriptor`, or is zero;
+        // sets outlive the dispatch.
         unsafe { *(address as *const Descriptor) }
     }
 
@@ -318,8 +326,8 @@ impl Environment {
     #[inline(never)]
     unsafe fn stored_descriptor(&self, address: u64) -> Descriptor {
         let words = (address & !STORED) as *const u64;
-        // SAFETY: as the caller promises: aligned and mapped. Others may write meanwhile: the words
-        // are then any mix.
+        // SAFETY: the caller guarantees that the address comes from `Op::Descriptor`, or is zero;
+        // aligned and mapped. Others may write meanwhile: the words are then any mix.
         let [address, size_bytes, image, sampler] =
             std::array::from_fn(|k| unsafe { words.add(k).read_volatile() });
         if address & StoredDescriptor::STRUCTURE != 0 {

@@ -31,12 +31,13 @@ pub enum GraphicsCommand {
     BindIndexBuffer(IndexBinding),
     /// `vkCmdSetPrimitiveRestartIndexEXT`, in effect until an index buffer is bound.
     RestartIndex(u32),
-    /// `vkCmdDraw`, `vkCmdDrawIndexed`.
-    Draw(Draw),
+    /// `vkCmdDraw`, `vkCmdDrawIndexed`, `vkCmdDrawMeshTasksEXT`.
+    Draw {
+        indexed: bool,
+        call: DrawCall,
+    },
     /// `vkCmdDrawMultiEXT`, `vkCmdDrawMultiIndexedEXT`.
     DrawMulti(Box<DrawMulti>),
-    /// `vkCmdDrawMeshTasksEXT`: workgroups per dimension.
-    DrawMeshes([u32; 3]),
     /// `vkCmdDraw*Indirect*`.
     DrawIndirect(DrawIndirect),
     /// `vkCmdBeginConditionalRenderingEXT`.
@@ -112,18 +113,38 @@ pub struct DrawByteCount {
     pub stride_bytes: u32,
 }
 
-/// A draw with its parameters in the command.
+/// The parameters of a draw, from its command or from an indirect buffer.
 #[derive(Clone, Copy, Debug)]
-pub struct Draw {
-    pub indexed: bool,
+pub struct DrawCall {
     /// First vertex, or first index.
     pub first: u32,
-    /// Vertices, or indices.
+    /// Vertices, indices or workgroups.
     pub count: u32,
-    /// The vertex offset of an indexed draw.
+    /// Added to each index.
     pub vertex_offset: i32,
     pub first_instance: u32,
     pub instances: u32,
+    /// `DrawIndex`.
+    pub draw_index: u32,
+    /// Of a draw of workgroups: how many per dimension; `count` is their product.
+    pub groups: [u32; 3],
+}
+
+impl DrawCall {
+    /// A call of workgroups.
+    pub fn of_groups(groups: [u32; 3], draw_index: u32) -> Self {
+        Self {
+            first: 0,
+            count: groups
+                .iter()
+                .fold(1, |all, &count| all.saturating_mul(count)),
+            vertex_offset: 0,
+            first_instance: 0,
+            instances: 1,
+            draw_index,
+            groups,
+        }
+    }
 }
 
 /// Several draws with one command.

@@ -56,7 +56,10 @@ pub unsafe fn copy(
     // SAFETY: the caller guarantees that the handles are alive, and as [`structures::copy`].
     unsafe {
         let live = live(device);
-        let in_blocks = from_handle::<Device>(device).engine.serializes_blocks;
+        let in_blocks = from_handle::<Device>(device)
+            .engine
+            .options
+            .serializes_blocks;
         defer(operation, 1, move || {
             structures::copy(built, what, in_blocks, &Reach::everywhere(), &live);
             Ok(())

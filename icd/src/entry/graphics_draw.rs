@@ -5,7 +5,7 @@ use ash::vk;
 use super::record::record;
 use crate::VkResult;
 use crate::command::graphics::{
-    BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding, Numbers, VertexBinding,
+    BindVertexBuffers, DrawCall, DrawIndirect, DrawMulti, IndexBinding, Numbers, VertexBinding,
 };
 use crate::command::{Command, GraphicsCommand, Recording, copied};
 use crate::ffi::slice;
@@ -176,15 +176,17 @@ pub(crate) unsafe extern "system" fn vkCmdDraw(
     first_instance: u32,
 ) {
     record("vkCmdDraw", commands, move |commands| {
-        let draw = Draw {
-            indexed: false,
+        let call = DrawCall {
             first,
             count,
             vertex_offset: 0,
             first_instance,
             instances,
+            draw_index: 0,
+            groups: [0; 3],
         };
-        push(commands, GraphicsCommand::Draw(draw))
+        let indexed = false;
+        push(commands, GraphicsCommand::Draw { indexed, call })
     })
 }
 
@@ -197,15 +199,17 @@ pub(crate) unsafe extern "system" fn vkCmdDrawIndexed(
     first_instance: u32,
 ) {
     record("vkCmdDrawIndexed", commands, move |commands| {
-        let draw = Draw {
-            indexed: true,
+        let call = DrawCall {
             first,
             count,
             vertex_offset,
             first_instance,
             instances,
+            draw_index: 0,
+            groups: [0; 3],
         };
-        push(commands, GraphicsCommand::Draw(draw))
+        let indexed = true;
+        push(commands, GraphicsCommand::Draw { indexed, call })
     })
 }
 
@@ -354,7 +358,8 @@ pub(crate) unsafe extern "system" fn vkCmdDrawMeshTasksEXT(
     z: u32,
 ) {
     record("vkCmdDrawMeshTasksEXT", commands, move |commands| {
-        push(commands, GraphicsCommand::DrawMeshes([x, y, z]))
+        let (indexed, call) = (false, DrawCall::of_groups([x, y, z], 0));
+        push(commands, GraphicsCommand::Draw { indexed, call })
     })
 }
 

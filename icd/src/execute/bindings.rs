@@ -9,10 +9,10 @@ use spirv_jit::environment::{
 use spirv_jit::heap::Table;
 use spirv_jit::reach::Reach;
 
+use super::engine::Engine;
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets, BindHeap};
 use crate::object::Pipeline;
 use crate::object::pipeline_layout::DYNAMIC_OF_SET;
-use crate::wave::Surroundings;
 use crate::wave::mask::InvocationMask;
 
 /// `maxPushConstantsSize`.
@@ -226,7 +226,7 @@ impl<'a> Bindings<'a> {
         &mut self,
         bind_point: vk::PipelineBindPoint,
         extent: [u32; 3],
-        surroundings: &Surroundings,
+        engine: &Engine,
     ) -> Option<(&'a Pipeline, Environment)> {
         let push_constants = Descriptor {
             address: self.push_constants.0.as_ptr() as u64,
@@ -239,53 +239,44 @@ impl<'a> Bindings<'a> {
         } as usize;
         let bound = self.bind_point(bind_point);
         let pipeline = bound.pipeline?;
+        let reach = engine.memory.reach();
         bound.place_dynamic();
-        bound.place_stored(&surroundings.reach);
+        bound.place_stored(&reach);
         let mut sets = bound.sets;
         let (dynamic, dynamic_count) = (bound.dynamic.as_ptr(), bound.dynamic.len() as u32);
         if let Some(heaps) = &mut self.heaps {
-            heaps.place(&mut sets, &surroundings.reach);
+            heaps.place(&mut sets, &reach);
         }
         let mut uniforms = [0; uniform::COUNT];
         uniforms[first_uniform..first_uniform + 3].copy_from_slice(&extent);
         let environment = Environment {
-            number: Environment::next_number(),
             sets,
             dynamic,
             dynamic_count,
             push_constants,
             uniforms,
-            reach: Arc::clone(&surroundings.shader_reach),
-            strays: surroundings.strays.clone(),
-            prints: None,
-            aborts: surroundings.aborts.clone(),
-            views: Arc::clone(&surroundings.views),
-            samples: None,
+            ..engine.environment()
         };
         Some((pipeline, environment))
     }
 
     /// A copy of the bindings for the next draw. A new epoch gets a new environment number, because
     /// memory may have changed and data cached by that number must be computed again.
-    pub fn snapshot(
-        &mut self,
-        epoch: u64,
-        surroundings: impl FnOnce() -> Surroundings,
-    ) -> Snapshot {
+    pub fn snapshot(&mut self, epoch: u64, engine: &Engine) -> Snapshot {
         if let Some((seen, snapshot)) = &self.snapshot
             && *seen == epoch
         {
             return snapshot.clone();
         }
-        let surroundings = surroundings();
+        let reach = engine.memory.reach();
         let bound = &mut self.graphics;
         bound.place_dynamic();
-        bound.place_stored(&surroundings.reach);
+        bound.place_stored(&reach);
         let stored = bound.stored.iter().any(Option::is_some);
         let mut sets = bound.sets;
         let mut heaps = self.heaps.clone();
         if let Some(heaps) = &mut heaps {
-            heaps.place(&mut sets, &surroundings.reach);
+            heaps.place(&mut sets, &reach);
         }
         let keep = Arc::new(Kept {
             heaps,
@@ -301,7 +292,6 @@ impl<'a> Bindings<'a> {
             set.blocks = blocks.as_ptr();
         }
         let environment = Environment {
-            number: Environment::next_number(),
             sets,
             dynamic: keep.dynamic.as_ptr(),
             dynamic_count: keep.dynamic.len() as u32,
@@ -310,13 +300,7 @@ impl<'a> Bindings<'a> {
                 size_bytes: PUSH_CONSTANT_BYTES as u64,
                 ..Descriptor::NULL
             },
-            uniforms: [0; uniform::COUNT],
-            reach: surroundings.shader_reach,
-            strays: surroundings.strays,
-            prints: None,
-            aborts: surroundings.aborts,
-            views: surroundings.views,
-            samples: None,
+            ..engine.environment()
         };
         let environment = Arc::new(environment);
         let snapshot = Snapshot { environment, keep };

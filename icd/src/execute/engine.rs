@@ -6,12 +6,13 @@ use std::borrow::Cow;
 use std::ffi::CStr;
 use std::io::Write;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use ash::vk;
 use spirv_jit::abort::Aborts;
+use spirv_jit::environment::Environment;
 use spirv_jit::views::Views;
 
 use crate::VkResult;
@@ -26,7 +27,7 @@ use crate::settings::settings;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
 use crate::wave::observer::Observer;
-use crate::wave::{Budget, Cause, Fault, Limits, Returned, Surroundings, WildAddresses, Workers};
+use crate::wave::{Cause, Fault, Limits, Returned, WildAddresses, Workers};
 
 /// The device's workers and their memory, its waits, and the state of its loss.
 pub struct Engine {
@@ -42,23 +43,13 @@ pub struct Engine {
     /// Samplers that heaps embed, which have no objects.
     pub heap_samplers: HeapSamplers,
     pub image_identities: Arc<Identities>,
-    /// The memory budget of invocations in flight, for all workers together.
-    budget: Arc<Budget>,
-    /// Depths in floating-point attachments are clamped to 0 to 1.
-    pub clamps_to_one: bool,
-    /// `VK_KHR_opacity_micromap` is enabled: serialized bottom levels list blocks of addresses.
-    pub serializes_blocks: bool,
-    /// Validation, if it is enabled.
-    pub validator: Option<Arc<Validator>>,
+    /// The features that execution depends on.
+    pub options: EngineOptions,
     messengers: Arc<Messengers>,
-    /// Stops running work: the device is lost or being destroyed.
-    cancelled: Arc<AtomicBool>,
-    /// How long a dispatch may take.
-    timeout: Option<Duration>,
+    /// The limits that all commands share.
+    limits: Limits,
     /// Invalid addresses that shaders used, if the device records them.
     pub wild: Option<WildAddresses>,
-    /// Messages of shaders that abort, if the device enables aborts.
-    pub aborts: Option<Arc<Aborts>>,
     /// The reason why the device was lost.
     fault: OnceLock<Fault>,
     /// The number of fault reports that the application has fetched.
@@ -68,8 +59,8 @@ pub struct Engine {
 /// The message id of shader messages: that of the validation layers, for which programs look.
 const PRINTF: &CStr = c"WARNING-DEBUG-PRINTF";
 
-/// Optional checks of an engine during execution.
-pub struct Watch {
+/// The features of a device that execution depends on.
+pub struct EngineOptions {
     /// Validation, if it is enabled.
     pub validator: Option<Arc<Validator>>,
     /// The time limit of a command.
@@ -78,15 +69,16 @@ pub struct Watch {
     pub wild_addresses: bool,
     /// Receives the messages of shaders that abort, if the feature `shaderAbort` is enabled.
     pub aborts: Option<Arc<Aborts>>,
-    /// The feature `depthClampZeroOne` is enabled, without `VK_EXT_depth_range_unrestricted`.
+    /// The feature `depthClampZeroOne` is enabled, without `VK_EXT_depth_range_unrestricted`:
+    /// depths in floating-point attachments are clamped to 0 to 1.
     pub clamps_to_one: bool,
-    /// `VK_KHR_opacity_micromap` is enabled.
+    /// `VK_KHR_opacity_micromap` is enabled: serialized bottom levels list blocks of addresses.
     pub serializes_blocks: bool,
     /// The feature `descriptorHeapCaptureReplay` is enabled.
     pub replays_heaps: bool,
 }
 
-impl Default for Watch {
+impl Default for EngineOptions {
     /// `TUFF_TIMEOUT` alone.
     fn default() -> Self {
         Self {
@@ -107,11 +99,11 @@ impl Engine {
         thread_count: usize,
         messengers: Arc<Messengers>,
         memory: Arc<LiveMemory>,
-        watch: Watch,
+        options: EngineOptions,
     ) -> Arc<Self> {
         let views = Arc::default();
         Arc::new(Self {
-            heap_samplers: HeapSamplers::new(&views, watch.replays_heaps),
+            heap_samplers: HeapSamplers::new(&views, options.replays_heaps),
             image_identities: Arc::default(),
             views,
             workers: Workers::new(thread_count),
@@ -120,15 +112,13 @@ impl Engine {
             tracer: Tracer::default(),
             rasterizer: Rasterizer::default(),
             memory,
-            budget: Arc::default(),
-            clamps_to_one: watch.clamps_to_one,
-            serializes_blocks: watch.serializes_blocks,
-            validator: watch.validator,
             messengers,
-            cancelled: Arc::default(),
-            timeout: watch.timeout,
-            aborts: watch.aborts,
-            wild: watch.wild_addresses.then(WildAddresses::default),
+            limits: Limits {
+                aborts: options.aborts.clone(),
+                ..Limits::default()
+            },
+            wild: options.wild_addresses.then(WildAddresses::default),
+            options,
             fault: OnceLock::new(),
             returned: Returned::default(),
         })
@@ -137,46 +127,38 @@ impl Engine {
     /// The limits of the next dispatch.
     pub fn limits(&self) -> Limits {
         Limits {
-            cancelled: Arc::clone(&self.cancelled),
-            aborts: self.aborts.clone(),
             deadline: self
+                .options
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
             live: self.memory.structures(),
-            memory: Arc::clone(&self.budget),
             query_observer: self
                 .checks(Caller::Other)
                 .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn Observer>),
-            stopped_at: OnceLock::new(),
+            ..self.limits.clone()
         }
     }
 
     /// The time for which a command may wait for the host or another queue.
     pub fn patience_ns(&self) -> u64 {
-        let timeout = self.timeout.map(|timeout| timeout.as_nanos());
+        let timeout = self.options.timeout.map(|timeout| timeout.as_nanos());
         timeout.map_or(u64::MAX, |ns| u64::try_from(ns).unwrap_or(u64::MAX))
     }
 
-    /// The memory and objects that the next command may reach.
-    pub fn surroundings(&self) -> Surroundings {
-        let (reach, live) = (self.memory.reach(), self.memory.structures());
-        match &self.validator {
-            None => Surroundings {
-                shader_reach: Arc::clone(&reach),
-                reach,
-                live,
-                strays: self.wild.is_some().then(Arc::default),
-                aborts: self.aborts.clone(),
-                views: Arc::clone(&self.views),
-            },
-            Some(validator) => Surroundings {
-                shader_reach: validator.registry.reach(reach.unbound()),
-                reach,
-                live,
-                strays: Some(Arc::default()),
-                aborts: self.aborts.clone(),
-                views: Arc::clone(&self.views),
-            },
+    /// The environment of the next command's shaders, before anything is bound. With validation,
+    /// their physical pointers reach only buffers with the usage for it.
+    pub fn environment(&self) -> Environment {
+        let reach = self.memory.reach();
+        let validator = self.options.validator.as_ref();
+        let reach = match validator {
+            None => reach,
+            Some(validator) => validator.registry.reach(reach.unbound()),
+        };
+        let counts_strays = validator.is_some() || self.wild.is_some();
+        Environment {
+            strays: counts_strays.then(Arc::default),
+            aborts: self.options.aborts.clone(),
+            ..Environment::new(reach, Arc::clone(&self.views))
         }
     }
 
@@ -208,16 +190,15 @@ impl Engine {
 
     /// Validation of one command, if it is enabled.
     pub fn checks(&self, caller: Caller) -> Option<Checks> {
-        self.validator
-            .as_ref()
-            .map(|validator| validator.command(caller))
+        let validator = self.options.validator.as_ref();
+        validator.map(|validator| validator.command(caller))
     }
 
     /// Loses the device: all waits return `VK_ERROR_DEVICE_LOST`, and running work ends at its next
     /// check of its limits. The first reason is reported, and kept for `vkGetDeviceFaultReportsKHR`
     /// and `vkGetDeviceFaultInfoEXT`.
     pub fn lose(&self, mut fault: Fault) {
-        if let Some(aborts) = &self.aborts {
+        if let Some(aborts) = &self.options.aborts {
             aborts.close();
         }
         if let Some(wild) = &self.wild {
@@ -242,7 +223,7 @@ impl Engine {
     /// Calls a function with the messages of shaders that aborted, as
     /// `VkDeviceFaultShaderAbortMessageInfoKHR` has them.
     pub fn with_abort_messages<R>(&self, take: impl FnOnce(&[u8]) -> R) -> R {
-        match &self.aborts {
+        match &self.options.aborts {
             Some(aborts) if !self.waiting.lost.is_inherited() => aborts.with_messages(take),
             _ => take(&[]),
         }
@@ -271,7 +252,7 @@ impl Engine {
     /// their work before they destroy the device, so work is left only by invalid ones.
     pub fn shut_down(&self) {
         self.waiting.lost.set();
-        self.cancelled.store(true, Ordering::Relaxed);
+        self.limits.cancelled.store(true, Ordering::Relaxed);
         self.waiting.notify();
     }
 }

@@ -22,7 +22,7 @@ use super::{Failure, check_aborted, prints, show_strays, spans};
 use crate::capture as recording;
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{
-    BindVertexBuffers, Draw, DrawByteCount, DrawIndirect, DrawMulti, IndexBinding, Numbers,
+    BindVertexBuffers, DrawByteCount, DrawCall, DrawIndirect, DrawMulti, IndexBinding, Numbers,
 };
 use crate::command::pass::{AttachmentClears, Pass};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
@@ -32,8 +32,8 @@ use crate::object::graphics_state::{
 use crate::object::setting::Setting;
 use crate::object::{QueryPool, ShaderObject};
 use crate::raster::{
-    BATCH_DRAWS, Batch, Capture, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
-    IndexBuffer, VertexBuffer, Work,
+    BATCH_DRAWS, Batch, Capture, Clear, ClearValue, Context, Counters, Draw, IndexBuffer,
+    VertexBuffer, Work,
 };
 use crate::timeline::{self, Kind, Stack};
 use crate::wave::reachable;
@@ -162,7 +162,7 @@ impl Current {
 
     /// Shares the objects of the last draw that equal the current ones. Draws between which the
     /// same state was bound again then become one.
-    fn share(&mut self, last: &Batched) {
+    fn share(&mut self, last: &Draw) {
         if !Arc::ptr_eq(&self.stages, &last.stages) && self.stages.is_same(&last.stages) {
             self.stages.clone_from(&last.stages);
         }
@@ -236,7 +236,7 @@ impl<'a> Drawing<'a> {
             counts: self.recorded.counts(),
         };
         let prints = std::mem::take(&mut self.prints);
-        let watched = match engine.wild.is_some() || engine.aborts.is_some() || prints {
+        let watched = match engine.wild.is_some() || engine.options.aborts.is_some() || prints {
             true => self.batch.watched(),
             false => Vec::new(),
         };
@@ -267,7 +267,7 @@ impl<'a> Drawing<'a> {
         self.spans.begin(Kind::Pass, || spans::pass(pass));
         let kept = std::mem::take(&mut self.kept_samples);
         let kept = if pass.resumes { kept } else { Vec::new() };
-        let mut active = Active::new(pass, engine.clamps_to_one, kept)?;
+        let mut active = Active::new(pass, engine.options.clamps_to_one, kept)?;
         active.load_samples(&engine.workers);
         if !pass.resumes {
             active.load(&mut self.batch);
@@ -399,18 +399,14 @@ impl<'a> DrawContext<'_, 'a> {
             GraphicsCommand::BindIndexBuffer(binding) => self.current.bind_index_buffer(binding),
             &GraphicsCommand::RestartIndex(index) => self.current.indices.restart = Some(index),
             GraphicsCommand::ClearAttachments(_)
-            | GraphicsCommand::Draw(_)
+            | GraphicsCommand::Draw { .. }
             | GraphicsCommand::DrawMulti(_)
             | GraphicsCommand::DrawIndirect(_)
-            | GraphicsCommand::DrawMeshes(_)
             | GraphicsCommand::DrawByteCount(_)
                 if self.drawing.skips => {}
             GraphicsCommand::ClearAttachments(clears) => self.drawing.clear(clears),
-            GraphicsCommand::Draw(draw) => return self.draw(draw),
+            &GraphicsCommand::Draw { indexed, call } => return self.call(indexed, call),
             GraphicsCommand::DrawMulti(draws) => return self.draw_multi(draws),
-            &GraphicsCommand::DrawMeshes(groups) => {
-                return self.call(false, DrawCall::of_groups(groups, 0));
-            }
             GraphicsCommand::DrawIndirect(draws) => return self.draw_indirect(draws),
             GraphicsCommand::DrawByteCount(draw) => return self.draw_byte_count(draw),
             GraphicsCommand::BindCaptureBuffers(binding) => {
@@ -459,19 +455,6 @@ impl<'a> DrawContext<'_, 'a> {
         let word = unsafe { reachable::read::<u32>(&self.engine.memory.reach(), address) };
         self.drawing.skips = (word.unwrap_or(0) == 0) != inverted;
         Ok(())
-    }
-
-    fn draw(&mut self, draw: &Draw) -> Result<(), Failure> {
-        let call = DrawCall {
-            first: draw.first,
-            count: draw.count,
-            vertex_offset: draw.vertex_offset,
-            first_instance: draw.first_instance,
-            instances: draw.instances,
-            draw_index: 0,
-            groups: [0; 3],
-        };
-        self.call(draw.indexed, call)
     }
 
     fn draw_multi(&mut self, multi: &DrawMulti) -> Result<(), Failure> {
@@ -601,7 +584,7 @@ impl<'a> DrawContext<'_, 'a> {
         let Snapshot {
             mut environment,
             keep,
-        } = (self.bindings).snapshot(drawing.epoch, || engine.surroundings());
+        } = (self.bindings).snapshot(drawing.epoch, engine);
         // The messages of each draw are its own.
         if let Some(prints) = prints::of(stages.iter()) {
             drawing.prints = true;
@@ -645,7 +628,7 @@ impl<'a> DrawContext<'_, 'a> {
             last.calls.push(call);
             return;
         }
-        let draw = Batched {
+        let draw = Draw {
             stages: Arc::clone(&current.stages),
             state: Arc::clone(&current.state),
             environment,

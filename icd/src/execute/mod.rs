@@ -40,7 +40,7 @@ use crate::wave::{Fault, Stopped, StoppedAt, reachable};
 use graphics::{Current, DrawContext, Drawing};
 
 pub use bindings::Bindings;
-pub use engine::{Engine, Watch};
+pub use engine::{Engine, EngineOptions};
 pub use query::{timestamp_ns, write_results};
 
 /// The reason why replay ended early.
@@ -205,10 +205,8 @@ fn run_dispatch(
         return Ok(());
     }
     let (engine, bindings) = (context.engine, &mut *context.bindings);
-    let surroundings = engine.surroundings();
     let bind_point = vk::PipelineBindPoint::COMPUTE;
-    let Some((pipeline, mut environment)) = bindings.environment(bind_point, count, &surroundings)
-    else {
+    let Some((pipeline, mut environment)) = bindings.environment(bind_point, count, engine) else {
         return Ok(());
     };
     let PipelineKind::Compute(program) = &pipeline.kind else {
@@ -233,9 +231,9 @@ fn run_dispatch(
         let programs = std::iter::once(&**program);
         // SAFETY: the application keeps the structures that shaders use until the command is
         // complete.
-        unsafe { recording.finish(programs, None, &surroundings.live, ran.is_err()) };
+        unsafe { recording.finish(programs, None, &limits.live, ran.is_err()) };
     }
-    if let Some(strays) = &surroundings.strays {
+    if let Some(strays) = &environment.strays {
         let observers = [limits.query_observer.as_deref(), engine.wild_observer()];
         show_strays(&Observers::new(observers), strays, std::iter::once(program));
     }
@@ -277,7 +275,7 @@ fn check_aborted<'a>(
     engine: &Engine,
     mut programs: impl Iterator<Item = &'a Arc<Program>>,
 ) -> Result<(), Failure> {
-    let Some(aborts) = engine.aborts.as_ref().filter(|it| it.happened()) else {
+    let Some(aborts) = engine.options.aborts.as_ref().filter(|it| it.happened()) else {
         return Ok(());
     };
     let Some(at) = aborts.first() else {

@@ -15,7 +15,6 @@ use crate::timeline::{self, Kind};
 use crate::trace::Dispatch;
 use crate::trace::stats::Occupancy;
 use crate::validate::{Caller, Checks, Traced, invocations};
-use crate::wave::Surroundings;
 use crate::wave::mask::{InvocationMask, LiveMask};
 use crate::wave::observer::Observer;
 use crate::wave::observers::Observers;
@@ -31,17 +30,15 @@ pub fn perform(
     bindings: &mut Bindings<'_>,
     command: &RayTracingCommand,
 ) -> Result<(), Failure> {
-    let surroundings = engine.surroundings();
+    let reach = engine.memory.reach();
     let checks = engine.checks(match command {
         RayTracingCommand::TraceRays { .. } => Caller::TraceRays,
         RayTracingCommand::TraceRaysNv { .. } => Caller::TraceRaysNv,
         RayTracingCommand::TraceRaysIndirect { .. } => Caller::TraceRaysIndirect,
         RayTracingCommand::TraceRaysIndirect2 { .. } => Caller::TraceRaysIndirect2,
     });
-    match parameters(command, &surroundings.reach, checks.as_ref()) {
-        Some((tables, extent)) => {
-            trace_rays(engine, bindings, &surroundings, checks, &tables, extent)
-        }
+    match parameters(command, &reach, checks.as_ref()) {
+        Some((tables, extent)) => trace_rays(engine, bindings, &reach, checks, &tables, extent),
         None => Ok(()),
     }
 }
@@ -127,7 +124,7 @@ fn check_launch(
 fn trace_rays(
     engine: &Engine,
     bindings: &mut Bindings<'_>,
-    surroundings: &Surroundings,
+    reach: &Reach,
     checks: Option<Checks>,
     tables: &Tables,
     extent: [u32; 3],
@@ -135,8 +132,7 @@ fn trace_rays(
     let limits = &engine.limits();
     let (mask, stack_bytes) = (bindings.invocation_mask, bindings.stack_bytes);
     let bind_point = vk::PipelineBindPoint::RAY_TRACING_KHR;
-    let Some((pipeline, mut environment)) = bindings.environment(bind_point, extent, surroundings)
-    else {
+    let Some((pipeline, mut environment)) = bindings.environment(bind_point, extent, engine) else {
         return Ok(());
     };
     let Some(pipeline) = pipeline.ray_tracing() else {
@@ -165,7 +161,7 @@ fn trace_rays(
         tier: Tier::best(),
         // SAFETY: the application keeps its memory until the dispatch is over, and memory that it
         // frees earlier stays mapped.
-        tables: unsafe { tables.live(&surroundings.reach) },
+        tables: unsafe { tables.live(reach) },
         extent,
         environment: &environment,
         pipeline_ray_flags: pipeline.ray_flags,
@@ -173,15 +169,16 @@ fn trace_rays(
         takes_all_hits: settings().opaque_without_any_hit
             && !pipeline.shaders.has_any_hit
             && checks.is_none(),
-        // SAFETY: as above.
-        mask: mask.and_then(|mask| unsafe { LiveMask::new(mask, &surroundings.reach) }),
+        // SAFETY: the application keeps its memory until the dispatch is over, and memory that it
+        // frees earlier stays mapped.
+        mask: mask.and_then(|mask| unsafe { LiveMask::new(mask, reach) }),
         limits,
         observer: observers.all(),
     };
     let _span = timeline::span(Kind::Trace, || spans::trace(pipeline, extent));
     let traced = engine.tracer.trace_rays(&dispatch, &engine.workers);
     let live_tables = dispatch.tables;
-    if let Some(strays) = &surroundings.strays {
+    if let Some(strays) = &environment.strays {
         show_strays(&observers, strays, programs.clone());
     }
     drop(observers);
@@ -192,8 +189,9 @@ fn trace_rays(
             live: &live_tables,
         };
         let programs = programs.clone().map(|program| &**program);
-        // SAFETY: as above.
-        unsafe { recording.finish(programs, Some(table), &surroundings.live, traced.is_err()) };
+        // SAFETY: the application keeps its memory until the dispatch is over, and memory that it
+        // frees earlier stays mapped.
+        unsafe { recording.finish(programs, Some(table), &limits.live, traced.is_err()) };
     }
     if let Some(prints) = &environment.prints {
         prints::print(engine, prints, programs.clone());

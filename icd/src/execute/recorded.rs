@@ -49,7 +49,7 @@ impl RecordedPass {
         self.has_begun = false;
         let programs = std::mem::take(&mut self.programs);
         if let Some(recording) = self.recording.take() {
-            let live = engine.surroundings().live;
+            let live = engine.memory.structures();
             let programs = programs.iter().map(|program| &**program);
             // SAFETY: the application keeps the structures that shaders use until its commands are
             // complete.

@@ -14,7 +14,7 @@ pub fn perform(engine: &Engine, command: &StructureCommand) {
     let (reach, live) = (engine.memory.reach(), engine.memory.structures());
     let checks = engine.checks(Caller::Other);
     let _span = timeline::span(Kind::Build, || spans::build(command));
-    let in_blocks = engine.serializes_blocks;
+    let in_blocks = engine.options.serializes_blocks;
     (engine.workers)
         .install(|| structures::execute(command, in_blocks, &reach, &live, checks.as_ref()));
 }

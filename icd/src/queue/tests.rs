@@ -8,7 +8,7 @@ use spirv_jit::ir::text::parse_module;
 
 use super::{Queue, Submission};
 use crate::command::{Command, TransferCommand};
-use crate::execute::{Engine, Watch};
+use crate::execute::{Engine, EngineOptions};
 use crate::handle::{self, Ref};
 use crate::object::captured::Captured;
 use crate::object::live_memory::LiveMemory;
@@ -17,7 +17,7 @@ use crate::object::{Event, Fence, Pipeline, PipelineLayout, QueryPool, Semaphore
 
 fn engine() -> Arc<Engine> {
     let memory = LiveMemory::everywhere();
-    Engine::new(2, Arc::default(), memory, Watch::default())
+    Engine::new(2, Arc::default(), memory, EngineOptions::default())
 }
 
 fn semaphore(engine: &Engine, ty: vk::SemaphoreType) -> Ref<Semaphore> {
@@ -186,11 +186,11 @@ fn assert_lost(engine: &Arc<Engine>, commands: Arc<Vec<Command>>) {
 #[test]
 fn a_hanging_shader_loses_the_device() {
     let timeout = Some(Duration::from_millis(20));
-    let watch = Watch {
+    let options = EngineOptions {
         timeout,
-        ..Watch::default()
+        ..EngineOptions::default()
     };
-    let engine = Engine::new(2, Arc::default(), LiveMemory::everywhere(), watch);
+    let engine = Engine::new(2, Arc::default(), LiveMemory::everywhere(), options);
     assert_lost(&engine, dispatch("loop L0 {\nbr L0\n}\nunreachable"));
 }
 

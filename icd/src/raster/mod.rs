@@ -27,7 +27,8 @@ use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
 
-pub use crate::object::graphics_pipeline::Stages;
+pub use crate::command::graphics::DrawCall;
+use crate::object::graphics_pipeline::Stages;
 use crate::object::graphics_state::{
     GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS, UsedAttachments,
 };
@@ -115,40 +116,6 @@ pub struct IndexBuffer {
     pub ty: vk::IndexType,
     /// In the place of the type's largest number (`VK_EXT_primitive_restart_index`).
     pub restart: Option<u32>,
-}
-
-/// One draw, direct or read from an indirect buffer.
-#[derive(Clone, Copy, Debug)]
-pub struct DrawCall {
-    /// First vertex, or first index.
-    pub first: u32,
-    /// Vertices, indices or workgroups.
-    pub count: u32,
-    /// Added to each index.
-    pub vertex_offset: i32,
-    pub first_instance: u32,
-    pub instances: u32,
-    /// `DrawIndex`.
-    pub draw_index: u32,
-    /// Of a draw of workgroups: how many per dimension; `count` is their product.
-    pub groups: [u32; 3],
-}
-
-impl DrawCall {
-    /// A call of workgroups.
-    pub fn of_groups(groups: [u32; 3], draw_index: u32) -> Self {
-        Self {
-            first: 0,
-            count: groups
-                .iter()
-                .fold(1, |all, &count| all.saturating_mul(count)),
-            vertex_offset: 0,
-            first_instance: 0,
-            instances: 1,
-            draw_index,
-            groups,
-        }
-    }
 }
 
 /// The counters of active queries, shared by all draws of a pass.

@@ -4,30 +4,14 @@ use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use spirv_jit::abort::Aborts;
-use spirv_jit::reach::{Reach, Strays};
-use spirv_jit::views::Views;
 use traversal::{EVERYWHERE, Live, Structure};
 
 use super::budget::Budget;
 use super::fault::{Fault, Stopped, StoppedAt};
 use super::observer::Observer;
 
-/// The memory and objects that a command's addresses may reach.
-pub struct Surroundings {
-    pub reach: Arc<Reach>,
-    /// The same, for what structures refer to.
-    pub live: Live,
-    /// For physical pointers of shaders: with validation, buffers of that usage alone.
-    pub shader_reach: Arc<Reach>,
-    /// Counts what shaders do wrong, where there is validation.
-    pub strays: Option<Arc<Strays>>,
-    /// Takes the messages of shaders that abort, where the feature `shaderAbort` is enabled.
-    pub aborts: Option<Arc<Aborts>>,
-    /// The views that descriptors in buffers can name.
-    pub views: Arc<Views>,
-}
-
 /// Limits that end a dispatch which does not end by itself, and that bound its memory accesses.
+#[derive(Clone)]
 pub struct Limits {
     /// Set from outside to make every worker stop at its next budget check.
     pub cancelled: Arc<AtomicBool>,

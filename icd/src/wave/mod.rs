@@ -21,5 +21,5 @@ pub mod workgroups;
 
 pub use budget::{Budget, Share};
 pub use fault::{Cause, Fault, Returned, Stopped, StoppedAt, WildAddress, WildAddresses};
-pub use limits::{Limits, Surroundings};
+pub use limits::Limits;
 pub use workers::Workers;

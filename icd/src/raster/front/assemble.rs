@@ -10,7 +10,8 @@ use super::cut::PrimitiveRange;
 use super::fetch::{Common, Vertex};
 use super::indices::Indices;
 use super::topology::{self, Assembled};
-use crate::raster::{Draw, DrawCall};
+use crate::command::graphics::DrawCall;
+use crate::raster::Draw;
 
 /// The vertices and primitives that a span of a draw was listed as.
 struct Listed {

@@ -16,7 +16,8 @@ use super::indices::Indices;
 use super::mesh::{self, Part, Workgroups};
 use super::patches::{self, Pieces};
 use super::topology::{self, is_line_strip};
-use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
+use crate::command::graphics::DrawCall;
+use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, Work};
 use crate::wave::{Limits, Stopped};
 
 /// The cost of a span besides its primitives, in primitives: state checks and partly filled waves.
@@ -25,8 +26,8 @@ const SPAN_COST: u32 = 4;
 /// Primitives of Bresenham lines in a job: each has a list of its pixels.
 const LISTED_PRIMITIVES: u32 = 128;
 
-/// Primitives of one strip of stippled lines in a job. The pattern runs along a strip, so it is not
-/// cut; of a longer one, the pattern starts anew there.
+/// Primitives of one strip of stippled lines in a job. The pattern runs along a strip, so strips
+/// are not cut up to this length; after it the pattern restarts.
 const STIPPLED_PRIMITIVES: u32 = 1 << 16;
 
 /// Indices that are looked at for restarts between two looks at the limits.
@@ -60,8 +61,8 @@ pub struct Job {
     pub primitives: u32,
     /// Some of them run a geometry or mesh shader, which may make many of each.
     pub amplifies: bool,
-    /// Its primitives are patches, or workgroups of task shaders, of one draw: what they become
-    /// are [`Self::pieces`] or [`Self::workgroups`] of other jobs.
+    /// Its primitives are patches, or workgroups of task shaders, of one draw. Their results are
+    /// [`Self::pieces`] or [`Self::workgroups`] of other jobs.
     pub expands: bool,
     /// Primitives of patches in the place of spans.
     pub pieces: Option<Pieces>,

@@ -13,9 +13,10 @@ use spirv_jit::reach::{Range, Reach};
 
 use super::super::topology;
 use super::*;
+use crate::command::graphics::DrawCall;
 use crate::object::graphics_state::{MAX_VERTEX_INPUTS, VertexAttribute, VertexBinding};
 use crate::raster::front::{FrontEnd, Rounds};
-use crate::raster::{Context, Draw, DrawCall, IndexBuffer, Stages, Targets, VertexBuffer, Work};
+use crate::raster::{Context, Draw, IndexBuffer, Stages, Targets, VertexBuffer, Work};
 use crate::wave::{Budget, Limits, Stopped, Workers};
 
 /// Passes an attribute on as the position, then `VertexIndex`, `InstanceIndex`, `DrawIndex`,
