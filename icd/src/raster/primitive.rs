@@ -1,11 +1,13 @@
 //! The interface between the front end and the tiles.
 //!
 //! Positions on the screen are fixed point with 8 fractional bits (`subPixelPrecisionBits`): 256
-//! units a pixel, pixel centres at 128. A *shape* is coverage; a *record* is what fragments of a
-//! primitive are made of. Clipping changes coverage only: the shapes of a clipped primitive share
+//! units a pixel, pixel centres at 128. A *shape* is coverage; a *record* is the data for a
+//! primitive's fragments. Clipping changes coverage only: the shapes of a clipped primitive share
 //! one record, whose planes come from the original vertices.
 
 use std::ops::Range;
+
+use ash::vk;
 
 use super::{CHUNK_PRIMITIVES, TILE};
 
@@ -28,6 +30,17 @@ pub struct Bounds {
 }
 
 impl Bounds {
+    /// The pixels of a rectangle, whatever its values are.
+    pub fn of(rect: &vk::Rect2D) -> Bounds {
+        let end = |first: i32, size: u32| first.saturating_add_unsigned(size);
+        Bounds {
+            left: rect.offset.x.max(0),
+            top: rect.offset.y.max(0),
+            right: end(rect.offset.x, rect.extent.width),
+            bottom: end(rect.offset.y, rect.extent.height),
+        }
+    }
+
     /// The pixels of both.
     pub fn intersection(self, other: Bounds) -> Bounds {
         Bounds {

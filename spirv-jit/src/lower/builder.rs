@@ -32,6 +32,17 @@ pub(super) struct Builder {
     budget: usize,
 }
 
+/// A loop over a number, while its body is open.
+pub(super) struct CountedLoop {
+    done: Label,
+    again: Label,
+    check: Label,
+    first: Value,
+    pub number: Value,
+    outside: Vec<Node>,
+    around: Vec<Node>,
+}
+
 impl Builder {
     /// `budget`: operations that may be emitted.
     pub fn new(name: &str, budget: usize) -> Self {
@@ -115,6 +126,54 @@ impl Builder {
 
     pub fn push(&mut self, node: Node) {
         self.nodes.push(node);
+    }
+
+    /// Opens the body of a loop over a number that starts as `first`.
+    pub fn open_loop(&mut self, first: Value) -> CountedLoop {
+        let [done, again, check] = [self.new_label(), self.new_label(), self.new_label()];
+        CountedLoop {
+            done,
+            again,
+            check,
+            first,
+            number: self.function.new_value(Type::I32),
+            outside: self.open(),
+            around: self.open(),
+        }
+    }
+
+    /// Leaves a loop unless a condition holds.
+    pub fn leave_unless(&mut self, counted: &CountedLoop, condition: Value) {
+        let before = self.open();
+        let then_body = self.close(before, Terminator::Br(counted.check, Vec::new()));
+        let before = self.open();
+        let else_body = self.close(before, Terminator::Br(counted.done, Vec::new()));
+        self.push(Node::If {
+            condition,
+            label: counted.check,
+            results: Vec::new(),
+            then_body,
+            else_body,
+        });
+    }
+
+    /// Ends the body of a loop, whose number grows by `step`.
+    pub fn close_loop(&mut self, counted: CountedLoop, step: Value) -> Result<(), Error> {
+        let next = self.binary(Op::IAdd, counted.number, step)?;
+        let body = self.close(counted.around, Terminator::Br(counted.again, vec![next]));
+        self.push(Node::Loop {
+            label: counted.again,
+            params: vec![counted.number],
+            init: vec![counted.first],
+            body,
+        });
+        let body = self.close(counted.outside, Terminator::Unreachable);
+        self.push(Node::Block {
+            label: counted.done,
+            results: Vec::new(),
+            body,
+        });
+        Ok(())
     }
 
     /// Opens the function's prologue instead of the open body, to which [`Self::leave_prologue`]

@@ -13,7 +13,7 @@ use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::op::Access;
 use crate::ir::stage::{Builtin, Stage};
-use crate::ir::{self, InputRow, Node, Space, Terminator, Type, Value};
+use crate::ir::{self, InputRow, Space, Terminator, Type, Value};
 use crate::parse::Id;
 
 /// The outcome of an any-hit invocation, as in `ir::Module::output_rows`.
@@ -290,38 +290,13 @@ impl Lowerer<'_> {
         let first = self.b.binary(ir::Op::IAdd, first, base)?;
         let (step, end) = (self.b.i32(16 * size), self.b.i32(self.workgroup.size_bytes));
         let zero = self.b.i32(0);
-        let (done, again, check) = (self.b.new_label(), self.b.new_label(), self.b.new_label());
-        let at = self.b.function.new_value(Type::I32);
-        let outside = self.b.open();
-        let around = self.b.open();
+        let counted = self.b.open_loop(first);
+        let at = counted.number;
         let inside = self.b.compare(ir::Op::ULt, at, end)?;
-        let before = self.b.open();
-        let then_body = self.b.close(before, Terminator::Br(check, Vec::new()));
-        let before = self.b.open();
-        let else_body = self.b.close(before, Terminator::Br(done, Vec::new()));
-        self.b.push(Node::If {
-            condition: inside,
-            label: check,
-            results: Vec::new(),
-            then_body,
-            else_body,
-        });
+        self.b.leave_unless(&counted, inside);
         self.b
             .store(Access::plain(Space::Shared), &[at], &[zero; 4])?;
-        let next = self.b.binary(ir::Op::IAdd, at, step)?;
-        let body = self.b.close(around, Terminator::Br(again, vec![next]));
-        self.b.push(Node::Loop {
-            label: again,
-            params: vec![at],
-            init: vec![first],
-            body,
-        });
-        let body = self.b.close(outside, Terminator::Unreachable);
-        self.b.push(Node::Block {
-            label: done,
-            results: Vec::new(),
-            body,
-        });
+        self.b.close_loop(counted, step)?;
         self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
         self.b.emit_effect(ir::Op::Barrier, &[])
     }

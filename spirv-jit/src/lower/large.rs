@@ -373,38 +373,12 @@ impl Lowerer<'_> {
         emit: impl FnOnce(&mut Self, Value) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let (zero, one, last) = (self.b.i32(0), self.b.i32(1), self.b.i32(turns - 1));
-        let (done, again, check) = (self.b.new_label(), self.b.new_label(), self.b.new_label());
-        let turn = self.b.function.new_value(Type::I32);
-        let outside = self.b.open();
-        let around = self.b.open();
+        let counted = self.b.open_loop(zero);
+        let turn = counted.number;
         emit(self, turn)?;
         let goes_on = self.b.compare(ir::Op::ULt, turn, last)?;
-        let before = self.b.open();
-        let then_body = self.b.close(before, Terminator::Br(check, Vec::new()));
-        let before = self.b.open();
-        let else_body = self.b.close(before, Terminator::Br(done, Vec::new()));
-        self.b.push(Node::If {
-            condition: goes_on,
-            label: check,
-            results: Vec::new(),
-            then_body,
-            else_body,
-        });
-        let next = self.b.binary(ir::Op::IAdd, turn, one)?;
-        let body = self.b.close(around, Terminator::Br(again, vec![next]));
-        self.b.push(Node::Loop {
-            label: again,
-            params: vec![turn],
-            init: vec![zero],
-            body,
-        });
-        let body = self.b.close(outside, Terminator::Unreachable);
-        self.b.push(Node::Block {
-            label: done,
-            results: Vec::new(),
-            body,
-        });
-        Ok(())
+        self.b.leave_unless(&counted, goes_on);
+        self.b.close_loop(counted, one)
     }
 
     /// The type of a source's contents, where that is known.

@@ -14,7 +14,7 @@ mod tier;
 pub mod vector;
 
 pub use mask::LaneMask;
-pub use prefetch::{prefetch, prefetch_line};
+pub use prefetch::{prefetch, prefetch_line, prefetch_lines};
 pub use tier::{Tier, has_bit_counts, has_half_arithmetic};
 #[cfg(target_arch = "x86_64")]
 pub use tier::{gathers_slowly, has_byte_permutes};

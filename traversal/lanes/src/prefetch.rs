@@ -16,6 +16,15 @@ pub fn prefetch<T>(value: &T) {
     }
 }
 
+/// Asks for a number of cache lines from an address on, which need not be valid.
+#[inline(always)]
+pub fn prefetch_lines<T>(address: *const T, count: usize) {
+    let address = address.cast::<i8>();
+    for line in 0..count {
+        prefetch_line(address.wrapping_add(LINE_BYTES * line));
+    }
+}
+
 /// Asks for the cache line of an address that is read or written soon. The address need not be
 /// valid.
 #[inline(always)]

@@ -1,5 +1,7 @@
 //! Reads positions, indices and triangles from the caller's memory.
 
+use lanes::prefetch_line;
+
 use crate::input::{TriangleGeometry, VertexFormat};
 use crate::layout::Bounds;
 use crate::memory::{IndexType, Memory};
@@ -89,7 +91,7 @@ impl Memory {
             let [x, y, z] = unsafe { self.read_integers::<3, u32>(offset) }?;
             return Some([x, y, z].map(|bits| f32::from_bits(u32::from_le(bits))));
         }
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the memory is readable and unchanged.
         unsafe { self.read_other_position(format, offset) }
     }
 
@@ -184,23 +186,17 @@ impl TriangleGeometry {
     /// The geometry's memory must be readable and unchanged.
     #[inline(always)]
     pub(crate) unsafe fn prefetch(&self, index: u32) {
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = index;
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged; any
-        // address may be prefetched.
-        unsafe {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            if self.vertices.bytes < FAR_BYTES {
-                return;
-            }
-            let size = self.vertex_format.size_bytes() - 1;
-            for corner in self.corners(index).into_iter().flatten() {
-                let offset = corner.wrapping_mul(self.vertex_stride_bytes) as usize;
-                let start = self.vertices.base.wrapping_add(offset);
-                _mm_prefetch::<_MM_HINT_T0>(start.cast());
-                _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(size).cast());
-            }
+        if self.vertices.bytes < FAR_BYTES {
+            return;
+        }
+        let size = self.vertex_format.size_bytes() - 1;
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
+        let corners = unsafe { self.corners(index) };
+        for corner in corners.into_iter().flatten() {
+            let offset = corner.wrapping_mul(self.vertex_stride_bytes) as usize;
+            let start = self.vertices.base.wrapping_add(offset);
+            prefetch_line(start);
+            prefetch_line(start.wrapping_add(size));
         }
     }
 }

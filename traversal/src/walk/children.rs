@@ -1,4 +1,6 @@
-//! The children of a node: fetching them, and putting them down to be visited.
+//! The children of a node: prefetching them, and pushing them on the stack.
+
+use lanes::prefetch_lines;
 
 use super::entry::Entry;
 use crate::layout::{NodeAt, WIDTH};
@@ -11,22 +13,12 @@ pub(super) const LARGE: u32 = 256;
 /// Asks for the memory of the children in `mask`.
 #[inline(always)]
 pub(super) fn fetch(mask: u32, node: NodeAt<'_>, structure: &Structure) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let mut rest = mask;
-        while rest != 0 {
-            let word = node.child(rest.trailing_zeros() as usize);
-            rest &= rest - 1;
-            let address = structure.child_address(word);
-            for line in 0..4 {
-                // SAFETY: a hint; addresses need not be valid.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
-            }
-        }
+    let mut rest = mask;
+    while rest != 0 {
+        let word = node.child(rest.trailing_zeros() as usize);
+        rest &= rest - 1;
+        prefetch_lines(structure.child_address(word), 4);
     }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (mask, node, structure);
 }
 
 /// Pushes the children of a node in `mask` down from `places` on, farthest first, except the
@@ -50,7 +42,8 @@ pub(super) unsafe fn push_children<const ANY: bool>(
     if ANY {
         let (mut last, mut pushed) = (first, 0);
         while rest != 0 {
-            // SAFETY: the caller's promise; `pushed` is below eight.
+            // SAFETY: the caller guarantees that `mask` is not 0, and there is room for eight
+            // entries; `pushed` is below eight.
             unsafe { places.add(pushed).write(last) };
             pushed += 1;
             last = entry(node, near, rest);
@@ -62,7 +55,7 @@ pub(super) unsafe fn push_children<const ANY: bool>(
     let second = entry(node, near, rest);
     rest &= rest - 1;
     let (mut nearest, farther) = first.ordered(second);
-    // SAFETY: as above.
+    // SAFETY: the caller guarantees that `mask` is not 0, and there is room for eight entries.
     unsafe { places.write(farther) };
     while rest != 0 {
         let next = entry(node, near, rest);
@@ -71,7 +64,7 @@ pub(super) unsafe fn push_children<const ANY: bool>(
         pushed += 1;
         let (close, far) = nearest.ordered(next);
         nearest = close;
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that `mask` is not 0, and there is room for eight entries.
         unsafe {
             while place > 0 && *places.add(place - 1) < far {
                 places.add(place).write(*places.add(place - 1));

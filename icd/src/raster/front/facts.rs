@@ -79,17 +79,6 @@ pub struct Facts {
     pub discard: bool,
 }
 
-/// Of a rectangle, whatever it is.
-pub fn bounds_of(rect: &vk::Rect2D) -> Bounds {
-    let end = |first: i32, size: u32| first.saturating_add_unsigned(size);
-    Bounds {
-        left: rect.offset.x.max(0),
-        top: rect.offset.y.max(0),
-        right: end(rect.offset.x, rect.extent.width),
-        bottom: end(rect.offset.y, rect.extent.height),
-    }
-}
-
 impl Facts {
     /// The codes that leave a filled triangle whole; `None` where no triangle is just filled.
     pub fn harmless_codes(&self) -> Option<u32> {
@@ -111,7 +100,7 @@ impl Facts {
         depth: DepthFormat,
     ) -> Self {
         let rasterization = &state.rasterization;
-        let area = bounds_of(area);
+        let area = Bounds::of(area);
         let viewports = &state.viewports;
         let views = viewports
             .viewports
@@ -120,7 +109,7 @@ impl Facts {
             .enumerate()
             .map(|(index, viewport)| {
                 let screen = Screen::new(viewport, rasterization.negative_one_to_one);
-                let scissor = viewports.scissors.get(index).map_or(area, bounds_of);
+                let scissor = viewports.scissors.get(index).map_or(area, Bounds::of);
                 let scissor = scissor.intersection(area);
                 View {
                     screen,

@@ -32,20 +32,7 @@ fn texel(clear: &Clear, targets: &Targets) -> Option<(Target, [u8; MAX_TEXEL_BYT
 
 /// The part of a clear's rectangle inside bounds.
 fn inside(rect: &vk::ClearRect, area: &vk::Rect2D, bounds: Option<&Bounds>) -> Option<Bounds> {
-    let ends = |rect: &vk::Rect2D| {
-        let end = |first: i32, size: u32| {
-            i64::from(first)
-                .saturating_add(size.into())
-                .min(i32::MAX.into()) as i32
-        };
-        Bounds {
-            left: rect.offset.x,
-            top: rect.offset.y,
-            right: end(rect.offset.x, rect.extent.width),
-            bottom: end(rect.offset.y, rect.extent.height),
-        }
-    };
-    let mut inside = ends(&rect.rect).intersection(ends(area));
+    let mut inside = Bounds::of(&rect.rect).intersection(Bounds::of(area));
     if let Some(bounds) = bounds {
         inside = inside.intersection(*bounds);
     }
@@ -61,7 +48,8 @@ unsafe fn fill(target: &Target, pattern: &Pattern, bounds: &Bounds, slice: u32, 
     let (left, top) = (bounds.left as u32, bounds.top as u32);
     let row_bytes = (bounds.right - bounds.left) as usize * surface.texel_size_bytes;
     let rows = (bounds.bottom - bounds.top) as u32;
-    // SAFETY: the caller's promise; rows that are next to each other are one.
+    // SAFETY: the caller keeps the contract of this function; rows that are next to each other are
+    // one.
     unsafe {
         if row_bytes as u64 == surface.row_stride_bytes {
             let first = surface.texel(left, top, slice, sample);

@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
-use lanes::LaneMask;
+use lanes::{LaneMask, prefetch_lines};
 
 use super::lists::{List, Stream};
 use super::nodes::{intersect_node, intersect_node_wide, put_chosen};
@@ -138,7 +138,7 @@ impl Stream {
         wide: bool,
         fuel: &mut u64,
     ) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe {
             let going = self.start();
             match (any, wide) {
@@ -215,7 +215,7 @@ unsafe fn run<P: LeafVisitor, const ANY: bool>(
     going: u32,
     fuel: &mut u64,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the instruction set.
     unsafe { run_with::<P, ANY, false>(stream, place, going, fuel) }
 }
 
@@ -231,7 +231,7 @@ unsafe fn run_wide<P: LeafVisitor, const ANY: bool>(
     going: u32,
     fuel: &mut u64,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the instruction set.
     unsafe { run_with::<P, ANY, true>(stream, place, going, fuel) }
 }
 
@@ -266,8 +266,8 @@ unsafe fn run_with<P: LeafVisitor, const ANY: bool, const WIDE: bool>(
             break;
         };
         let has_room = list.first as usize + WIDTH * count + SLACK <= octant_stack.end;
-        // SAFETY: the caller's promise; words of nodes are below the count, so inside the part, and
-        // parts are aligned.
+        // SAFETY: the caller guarantees that the machine has the instruction set; words of nodes
+        // are below the count, so inside the part, and parts are aligned.
         unsafe {
             // Words of leaves are above every index of a node.
             if list.word >= place.structure().node_count() {
@@ -304,10 +304,6 @@ unsafe fn run_with<P: LeafVisitor, const ANY: bool, const WIDE: bool>(
 /// Asks for the memory of a child.
 #[inline(always)]
 fn fetch(structure: &Structure, word: u32) {
-    let address = structure.child_address(word);
     let lines = if word & child::TWO_GROUPS != 0 { 6 } else { 4 };
-    for line in 0..lines {
-        // SAFETY: a hint; addresses need not be valid.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
-    }
+    prefetch_lines(structure.child_address(word), lines);
 }
