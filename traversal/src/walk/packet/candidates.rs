@@ -10,13 +10,10 @@ use super::rays::Rays;
 use super::rays::{load, store};
 #[cfg(target_arch = "x86_64")]
 use super::triangle::{intersect_triangle, take_hits, test_triangle};
-use crate::layout::{Block, TriangleGroup, geometry_word};
-#[cfg(target_arch = "x86_64")]
-use crate::layout::{GROUP, LEAF_TRIANGLES, child};
+use crate::layout::{Block, GROUP, LEAF_TRIANGLES, TriangleGroup, child, geometry_word};
 #[cfg(target_arch = "x86_64")]
 use crate::micromap::TriangleStates;
 use crate::ray::Hit;
-#[cfg(target_arch = "x86_64")]
 use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::edge_side::Rim;
@@ -149,7 +146,7 @@ fn test_parts_exactly(
     asked
 }
 
-/// As [`Block::expand`], with what is known of the triangles besides.
+/// As [`Block::expand`], with the indices and flags of the triangles.
 pub(super) fn in_full(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
     for (group, found) in groups.into_iter().zip(block.groups()) {
         *group = found;
@@ -169,59 +166,106 @@ pub(super) fn next_candidates(
     found: &Found,
     candidates: &mut HitRows,
 ) {
-    candidates.found = LaneMask::NONE;
-    if !has_rest(leaf, live) {
-        return;
-    }
-    let mut room = None;
-    let Some((groups, _)) = structure.leaf_groups(leaf.word, &mut room, in_full) else {
-        return;
+    let search = CandidateSearch {
+        rays,
+        structure,
+        facts,
+        found,
     };
-    let first_slot = structure.first_slot(leaf.word & child::INDEX);
-    for i in 0..LEAF_TRIANGLES {
-        let lanes = leaf.rest[i] & (live - candidates.found);
-        if lanes.is_empty() {
-            continue;
-        }
-        leaf.rest[i] -= lanes;
-        let (group, lane) = (groups[i / GROUP], i % GROUP);
-        let Some(meeting) = intersect_triangle(rays, (group, lane), lanes, load(&found.t)) else {
-            continue;
-        };
-        let mut place = IntersectionRows::ZERO;
-        store(&mut place.t, meeting.t);
-        for (weights, weight) in place.barycentrics.iter_mut().zip(meeting.weights) {
+    search.run(leaf, live, candidates, |_, place, lanes, rows| {
+        let t_far = load(&found.t);
+        let meeting = intersect_triangle(rays, place, lanes, t_far)?;
+        store(&mut rows.t, meeting.t);
+        for (weights, weight) in rows.barycentrics.iter_mut().zip(meeting.weights) {
             store(weights, weight);
         }
-        let t_far = load(&found.t);
         let nearer = LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(meeting.t, t_far));
-        let mut met = meeting.lanes & nearer;
-        let mut front = meeting.front;
-        if !meeting.undecided.is_empty() {
-            let triangle = group.triangle(lane);
-            let exactly = place.intersect_exactly(rays, &triangle, meeting.undecided, found);
-            met |= exactly.0;
-            front = (front - meeting.undecided) | exactly.1;
+        Some(MetTriangle {
+            met: meeting.lanes & nearer,
+            front: meeting.front - meeting.undecided,
+            undecided: meeting.undecided,
+        })
+    });
+}
+
+/// The rays that meet a triangle nearer than the hits so far.
+pub(super) struct MetTriangle {
+    pub met: LaneMask,
+    /// Those that see its front.
+    pub front: LaneMask,
+    /// Rays near an edge, which the exact rule decides on.
+    pub undecided: LaneMask,
+}
+
+/// The search for candidates of a packet's rays in one instance.
+pub(super) struct CandidateSearch<'a> {
+    pub rays: &'a Rays,
+    pub structure: &'a Structure,
+    pub facts: &'a InstanceFacts,
+    pub found: &'a Found,
+}
+
+impl CandidateSearch<'_> {
+    /// Looks for one candidate for each of the rays of `live` in a leaf. `intersect` tests some
+    /// rays with the triangle of a number in a lane of one of the leaf's groups, and writes where
+    /// they meet it; `None`: they do not.
+    #[inline(always)]
+    pub fn run(
+        &self,
+        leaf: &mut SuspendedLeaf,
+        live: LaneMask,
+        candidates: &mut HitRows,
+        mut intersect: impl FnMut(
+            (usize, [&TriangleGroup; 2]),
+            (&TriangleGroup, usize),
+            LaneMask,
+            &mut IntersectionRows,
+        ) -> Option<MetTriangle>,
+    ) {
+        candidates.found = LaneMask::NONE;
+        if !has_rest(leaf, live) {
+            return;
         }
-        let hit = candidate(facts, (group, lane), first_slot + i as u32);
-        place.write((met, front), &hit, facts, candidates);
+        let mut room = None;
+        let structure = self.structure;
+        let Some((groups, _)) = structure.leaf_groups(leaf.word, &mut room, in_full) else {
+            return;
+        };
+        let first_slot = structure.first_slot(leaf.word & child::INDEX);
+        for i in 0..LEAF_TRIANGLES {
+            let lanes = leaf.rest[i] & (live - candidates.found);
+            if lanes.is_empty() {
+                continue;
+            }
+            leaf.rest[i] -= lanes;
+            let place = (groups[i / GROUP], i % GROUP);
+            let mut rows = IntersectionRows::ZERO;
+            let Some(mut triangle) = intersect((i, groups), place, lanes, &mut rows) else {
+                continue;
+            };
+            if !triangle.undecided.is_empty() {
+                let corners = place.0.triangle(place.1);
+                let exactly =
+                    rows.intersect_exactly(self.rays, &corners, triangle.undecided, self.found);
+                triangle.met |= exactly.0;
+                triangle.front |= exactly.1;
+            }
+            let hit = candidate(self.facts, place, first_slot + i as u32);
+            rows.write((triangle.met, triangle.front), &hit, self.facts, candidates);
+        }
     }
 }
 
 /// Whether rays of `live` still have triangles to look at in a leaf.
 #[inline(always)]
-pub(super) fn has_rest(leaf: &SuspendedLeaf, live: LaneMask) -> bool {
+fn has_rest(leaf: &SuspendedLeaf, live: LaneMask) -> bool {
     let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
     !rest.is_empty()
 }
 
 /// The part of a candidate that all rays at a triangle share.
 #[inline(always)]
-pub(super) fn candidate(
-    facts: &InstanceFacts,
-    (group, lane): (&TriangleGroup, usize),
-    slot: u32,
-) -> Hit {
+fn candidate(facts: &InstanceFacts, (group, lane): (&TriangleGroup, usize), slot: u32) -> Hit {
     Hit {
         geometry_index: group.geometries[lane] & geometry_word::INDEX,
         primitive_index: group.primitives[lane],

@@ -3,7 +3,7 @@
 
 use lanes::LaneMask;
 
-use super::candidates::{IntersectionRows, candidate, has_rest, in_full};
+use super::candidates::{CandidateSearch, MetTriangle, in_full};
 use super::kernel::{PacketKernel, compiled};
 use super::rays::{Rays, STEEP};
 #[cfg(target_arch = "x86_64")]
@@ -131,7 +131,7 @@ unsafe fn test_each<K: Kernel>(
 ) {
     let mut hits = GroupHits::NONE;
     for lane in lanes {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let mut mask = unsafe { hit_in::<K>(rays, lane, groups, triangles, found, &mut hits) };
         while mask != 0 {
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
@@ -155,7 +155,7 @@ unsafe fn hit_in<K: Kernel>(
     hits: &mut GroupHits,
 ) -> u32 {
     let (beams, interval) = (&rays.beams, [rays.beams.t_min[lane], found.t[lane]]);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     unsafe {
         let beam = K::load_beam(beams, lane, interval[1]);
         K::intersect_leaf(beams, lane, &beam, groups, triangles, interval, hits)
@@ -181,13 +181,13 @@ unsafe fn test_leaf<P: PacketKernel, K: Kernel>(
     found: &mut Found,
 ) {
     let mut room = None;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
     let leaf = structure.leaf_groups(word, &mut room, |block, room| unsafe {
         K::expand(block, room)
     });
     let Some((groups, there)) = leaf else { return };
     let first_slot = structure.first_slot(word & child::INDEX);
-    // SAFETY: likewise.
+    // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
     unsafe {
         let triangles = there & P::test_triangles(rays, groups, t_far);
         if triangles != 0 {
@@ -224,7 +224,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
         return leaf;
     };
     let first_slot = structure.first_slot(word & child::INDEX);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
     let mut rest = there & unsafe { P::test_triangles(rays, groups, t_far) };
     let (mut opaque, mut others) = (0, 0);
     let mut by_parts = [None; LEAF_TRIANGLES];
@@ -244,7 +244,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
     }
     if others == 0 {
         if opaque != 0 {
-            // SAFETY: likewise.
+            // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
             unsafe { test_each::<K>(rays, structure, groups, (opaque, first_slot), lanes, found) };
         }
         return leaf;
@@ -252,7 +252,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
     for lane in lanes {
         let mut hits = GroupHits::NONE;
         // Candidates are found with their edges here, and looked at without later.
-        // SAFETY: likewise.
+        // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
         let mut mask =
             unsafe { hit_in::<K>(rays, lane, groups, opaque | others, found, &mut hits) };
         while mask != 0 {
@@ -297,30 +297,21 @@ unsafe fn next_candidates<K: Kernel>(
     found: &Found,
     candidates: &mut HitRows,
 ) {
-    candidates.found = LaneMask::NONE;
-    if !has_rest(leaf, live) {
-        return;
-    }
-    let mut room = None;
-    let Some((groups, _)) = structure.leaf_groups(leaf.word, &mut room, in_full) else {
-        return;
+    let search = CandidateSearch {
+        rays,
+        structure,
+        facts,
+        found,
     };
-    let first_slot = structure.first_slot(leaf.word & child::INDEX);
-    for i in 0..LEAF_TRIANGLES {
-        let lanes = leaf.rest[i] & (live - candidates.found);
-        if lanes.is_empty() {
-            continue;
-        }
-        leaf.rest[i] -= lanes;
-        let (group, lane) = (groups[i / GROUP], i % GROUP);
-        let mut place = IntersectionRows::ZERO;
+    let (word, known) = (leaf.word, rays.hits_of);
+    search.run(leaf, live, candidates, |(i, groups), _, lanes, rows| {
         let [mut met, mut front, mut undecided] = [LaneMask::NONE; 3];
         for lane in lanes {
-            let hit = if rays.hits_of == leaf.word {
+            let hit = if known == word {
                 hit_of(&rays.hits[lane], i)
             } else {
                 let mut hits = GroupHits::NONE;
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 if unsafe { hit_in::<K>(rays, lane, groups, 1 << i, found, &mut hits) } == 0 {
                     continue;
                 }
@@ -335,18 +326,16 @@ unsafe fn next_candidates<K: Kernel>(
             }
             met.insert(lane);
             front.set(lane, hit.front);
-            place.t[lane] = hit.t;
-            (place.barycentrics[0][lane], place.barycentrics[1][lane]) =
+            rows.t[lane] = hit.t;
+            (rows.barycentrics[0][lane], rows.barycentrics[1][lane]) =
                 (hit.barycentrics[0], hit.barycentrics[1]);
         }
-        if !undecided.is_empty() {
-            let exactly = place.intersect_exactly(rays, &group.triangle(lane), undecided, found);
-            met |= exactly.0;
-            front |= exactly.1;
-        }
-        let hit = candidate(facts, (group, lane), first_slot + i as u32);
-        place.write((met, front), &hit, facts, candidates);
-    }
+        Some(MetTriangle {
+            met,
+            front,
+            undecided,
+        })
+    });
 }
 
 macro_rules! plain {
@@ -361,7 +350,7 @@ macro_rules! plain {
 
             #[inline(always)]
             unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
-                // SAFETY: the caller's promise, here and below.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::least(row, lanes)
@@ -370,7 +359,7 @@ macro_rules! plain {
 
             #[inline(always)]
             unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::greatest(row, lanes)
@@ -379,7 +368,7 @@ macro_rules! plain {
 
             #[inline(always)]
             unsafe fn at_least(row: Lanes, number: f32) -> LaneMask {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::sixteen_not_greater(&[number; PACKET], &row)
@@ -388,7 +377,7 @@ macro_rules! plain {
 
             #[inline(always)]
             unsafe fn equal(row: &Words, word: u32) -> LaneMask {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::equal(row, word)
@@ -399,7 +388,7 @@ macro_rules! plain {
             unsafe fn flat(inverses: &Lanes) -> LaneMask {
                 // The last number below.
                 const LAST: f32 = f32::from_bits(STEEP.to_bits() - 1);
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::sixteen_not_greater(&inverses.map(f32::abs), &[LAST; PACKET])
@@ -415,7 +404,7 @@ macro_rules! plain {
             ) -> u32 {
                 let (near, far) = test_interval(rays, node, t_far);
                 *soonest = near;
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::eight_not_greater(&near, &far)
@@ -425,7 +414,7 @@ macro_rules! plain {
             #[inline(always)]
             unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
                 let (near, far) = test_triangles(rays, groups, t_far);
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::eight_not_greater(&near, &far)
@@ -435,7 +424,7 @@ macro_rules! plain {
             #[inline(always)]
             unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Lanes) -> LaneMask {
                 let (near, far) = test_box(rays, node, child, &t_far);
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::sixteen_not_greater(&near, &far)
@@ -450,7 +439,7 @@ macro_rules! plain {
                 t_far: f32,
                 found: &mut Found,
             ) {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 unsafe { test_leaf::<$name, $kernel>(rays, structure, leaf, t_far, found) }
             }
 
@@ -463,7 +452,7 @@ macro_rules! plain {
                 t_far: f32,
                 found: &mut Found,
             ) -> SuspendedLeaf {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 unsafe { test_some::<$name, $kernel>(rays, level, facts, leaf, t_far, found) }
             }
 
@@ -477,7 +466,7 @@ macro_rules! plain {
                 found: &Found,
                 candidates: &mut HitRows,
             ) {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the instruction set.
                 unsafe {
                     next_candidates::<$kernel>(
                         rays, structure, facts, leaf, live, found, candidates,
