@@ -16,24 +16,3 @@ const CODE_PAGES: CodePages = unsafe { CodePages::new(map, unmap) };
 pub fn allow_native_code() {
     spirv_jit::native::provide(Some(CODE_PAGES));
 }
-
-#[cfg(all(test, feature = "glsl", target_arch = "x86_64"))]
-mod tests {
-    use spirv_jit::Tier;
-    use spirv_jit::program::Stage;
-
-    use crate::{compute, glsl};
-
-    #[test]
-    fn programs_of_tests_have_native_code() {
-        let source = "
-            layout(local_size_x = 16) in;
-            layout(set = 0, binding = 0) buffer B { float x[]; };
-            void main() {
-                float y = x[gl_LocalInvocationIndex];
-                x[gl_LocalInvocationIndex] = y * y + y;
-            }";
-        let program = compute::compile(&glsl(Stage::Compute, source));
-        assert_eq!(program.has_native_code(), Tier::best() != Tier::Portable);
-    }
-}

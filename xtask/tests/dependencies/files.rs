@@ -163,7 +163,10 @@ fn resolve(
         let scope = scopes.get(&at)?;
         let mut inner = at.clone();
         inner.push(first.clone());
-        if scopes.contains_key(&inner) && !(behind.is_empty() && scope.items.contains(first)) {
+        // A path that ends with the name of a module and of an item, defined or re-exported, names
+        // the item.
+        let is_item = scope.items.contains(first) || scope.imports.contains_key(first);
+        if scopes.contains_key(&inner) && !(behind.is_empty() && is_item) {
             at = inner;
             rest = behind;
             inside = true;

@@ -2,12 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde::de::DeserializeOwned;
 
+use crate::child::{answer, child};
 use crate::formats;
 use crate::measure::{
     FIRST_PIXEL, MODULE_CACHED, MODULE_COLD, PIPELINE_CACHED, PIPELINE_COLD, Sample,
@@ -278,41 +277,6 @@ fn run(icd: &Path, task: &Task, turns: usize) -> Result<Option<Sample>> {
         .args(["--triangles", &task.scale.triangles.to_string()])
         .args(["--instances", &task.scale.instances.to_string()]);
     answer(child)
-}
-
-/// This program once more, with one driver, which may use so many threads.
-pub fn child(icd: &Path, threads: Option<u32>) -> Result<Command> {
-    let icd = std::path::absolute(icd)?;
-    ensure!(icd.exists(), "there is no such manifest");
-    let mut child = Command::new(std::env::current_exe()?);
-    child
-        .env("VK_DRIVER_FILES", &icd)
-        .env("VK_ICD_FILENAMES", &icd)
-        .env_remove("VK_ADD_DRIVER_FILES")
-        // A cold pipeline must not come from a cache on disk.
-        .env("MESA_SHADER_CACHE_DISABLE", "true")
-        .stderr(Stdio::inherit());
-    if let Some(threads) = threads {
-        child.env("TUFF_THREADS", threads.to_string());
-        child.env("LP_NUM_THREADS", threads.to_string());
-    }
-    Ok(child)
-}
-
-/// Returns a child's measurement: its first line, of JSON.
-pub fn answer<T: DeserializeOwned>(mut child: Command) -> Result<T> {
-    let output = child.output().context("starting a measurement")?;
-    ensure!(
-        output.status.success(),
-        "the measurement ended with {}",
-        output.status
-    );
-    let line = output
-        .stdout
-        .split(|&byte| byte == b'\n')
-        .next()
-        .unwrap_or_default();
-    serde_json::from_slice(line).context("the measurement's answer")
 }
 
 /// How far the mean of a picture's blocks may differ between drivers, of its mean: shaders'

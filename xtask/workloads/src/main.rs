@@ -7,6 +7,7 @@
 
 mod building;
 mod chart;
+mod child;
 mod compare;
 mod digest;
 mod drawing;

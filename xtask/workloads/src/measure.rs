@@ -52,7 +52,7 @@ pub struct Options {
     picture: Option<PathBuf>,
 }
 
-/// Prints a [`Sample`] as JSON, or `null` where the driver lacks what the workload needs.
+/// Prints a [`Sample`] as JSON, or `null` if the driver lacks a capability of the workload.
 pub fn measure(options: &Options) -> Result<()> {
     let sample = match options.name.as_str() {
         PIPELINE_COLD => Some(pipeline(options.turns, false, path_salted)),

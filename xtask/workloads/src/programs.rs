@@ -273,7 +273,7 @@ pub fn hybrid(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         let groups = [scale.width.div_ceil(16), scale.height.div_ceil(4), 1];
         gpu.record_dispatch::<u32>(commands, tone, &[set], &[], groups);
         gpu.barrier(commands);
-        // SAFETY: as above.
+        // SAFETY: buffers and images are as large as the copies.
         unsafe {
             gpu.device.cmd_copy_image_to_buffer(
                 commands,
@@ -294,8 +294,7 @@ pub fn stack(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     queried(gpu, scale, shader::STACK, landscape)
 }
 
-/// Small frames one after the other, each submitted by itself and copied to where it would be
-/// shown.
+/// Small frames in sequence, each submitted separately and copied to its place of presentation.
 pub fn frames(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     const COUNT: u32 = 100;
     let small = Scale {

@@ -17,7 +17,7 @@ pub struct Measurement {
     pub bounds: String,
     pub scale: Scale,
     pub threads: Option<u32>,
-    /// For each driver its samples, one a round; empty where it lacks what is needed.
+    /// The samples of each driver, one a round; empty if it lacks a capability.
     pub samples: Vec<Vec<Sample>>,
     /// Why no time is given, where the drivers' pictures differ.
     pub disagreement: Option<String>,

@@ -163,8 +163,7 @@ pub fn geometry(mesh: &Mesh, flags: vk::GeometryFlagsKHR) -> Geometry {
     }
 }
 
-/// Where the camera is, what is to its right and above it at the picture's edges, and where it
-/// looks.
+/// The camera's position, the vectors to the picture's right and upper edges, and its direction.
 pub fn camera(scale: &Scale) -> [[f32; 3]; 4] {
     let eye = vec3(-14.0, 7.0, -22.0);
     let ahead = (vec3(2.0, 0.0, 3.0) - eye).normalize();

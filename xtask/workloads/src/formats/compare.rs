@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::table;
 use super::{ACCESSES, Access, Cell, Measured, SHAPES, Shape, disagreement};
-use crate::compare::{answer, child};
+use crate::child::{answer, child};
 
 /// The first driver against the second in one cell.
 #[derive(Clone, Debug, Serialize)]
@@ -123,7 +123,8 @@ fn mean<'r>(ratios: impl IntoIterator<Item = &'r Ratio>) -> Option<f64> {
     (!logarithms.is_empty()).then(|| (sum / logarithms.len() as f64).exp())
 }
 
-/// A row a format, a column an access with a number a shape; means; what is slow; what differs.
+/// A table with a row for each format, a column for each access and a number for each shape; then
+/// means, slow cells and differences.
 fn report(ratios: &[Ratio]) -> String {
     let number =
         |ratio: Option<f64>| ratio.map_or("–".to_string(), |ratio| format!("{ratio:.2}"));

@@ -1,8 +1,8 @@
 //! Every format that both drivers have: sampled, fetched, stored, blended and blitted.
 //!
 //! A format is measured in a process of its own, cell by cell. A cell is an access and a shape of
-//! image; one shader serves all cells, by defines. What a cell leaves is summed over blocks of
-//! pixels, by which drivers are held against each other.
+//! image; one shader serves all cells, by defines. The result of a cell is summed over blocks of
+//! pixels, and the sums of the drivers are compared.
 
 mod compare;
 mod prepare;

@@ -178,7 +178,7 @@ impl Frame {
     }
 }
 
-/// A function's own name: without its path, and without what stands in angle brackets.
+/// A function's name without its path and its generic arguments.
 fn last_segment(name: &str) -> String {
     let mut depth = 0i32;
     let mut plain = String::new();
