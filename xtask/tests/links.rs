@@ -67,3 +67,58 @@ fn files_that_additions_take_are_there() {
     assert!(lost.is_empty(), "there are no {lost:?}");
     assert!(paths.len() > 40, "the paths are found");
 }
+
+/// The stops of a way: the items of a numbered list.
+fn stops(way: &str) -> Vec<String> {
+    let mut stops: Vec<String> = Vec::new();
+    for line in way.lines() {
+        let number = line.split_once(". ").map(|(number, _)| number);
+        if number.is_some_and(|number| number.parse::<usize>().is_ok()) {
+            stops.push(String::new());
+        }
+        if let Some(stop) = stops.last_mut() {
+            *stop += line.trim_start();
+            stop.push(' ');
+        }
+    }
+    stops
+}
+
+/// Whether a source has a name as a whole word.
+fn has_word(source: &str, name: &str) -> bool {
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    source.match_indices(name).any(|(at, _)| {
+        let (before, after) = (&source[..at], &source[at + name.len()..]);
+        !before.ends_with(is_word) && !after.starts_with(is_word)
+    })
+}
+
+#[test]
+fn walks_through_the_folders_name_what_is_there() {
+    let page = fs::read_to_string(root().join("docs/walk-through.md")).expect("a page");
+    let ways: Vec<&str> = page.split("\n## ").skip(1).collect();
+    let mut lost = Vec::new();
+    let mut names = 0;
+    for way in &ways {
+        let stops = stops(way);
+        let title = way.lines().next().unwrap_or_default();
+        assert!((2..=10).contains(&stops.len()), "{title}: {}", stops.len());
+        for stop in &stops {
+            let sources: Vec<String> = targets(stop)
+                .map(|target| root().join("docs").join(target))
+                .map(|file| fs::read_to_string(file).expect("a link leads to a file"))
+                .collect();
+            for name in code(stop).flat_map(|name| name.split("::")) {
+                names += 1;
+                if !sources.iter().any(|source| has_word(source, name)) {
+                    lost.push(format!("{title}: `{name}`"));
+                }
+            }
+        }
+    }
+    assert!(
+        lost.is_empty(),
+        "names that no file of their stop has: {lost:#?}"
+    );
+    assert!(ways.len() > 4 && names > 40, "{names} names are found");
+}
