@@ -13,13 +13,15 @@ pub(super) unsafe fn abort_message(m: &mut Machine<'_>, i: &Instr) {
     for &subgroup in m.listed() {
         let mut places = [NO_PLACE; SUBGROUP_SIZE];
         if let Some(aborts) = &m.environment.aborts {
-            // SAFETY: as the caller promises: operands are rows of the program's words.
+            // SAFETY: the caller keeps the contract of `Kernel::run`; operands are rows of the
+            // program's words.
             let sizes = unsafe { *m.block::<u32>(i.a, subgroup) };
             for lane in m.effective(subgroup) {
                 places[lane] = aborts.reserve(sizes[lane]);
             }
         }
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Kernel::run`; operands are rows of the
+        // program's words.
         let out = unsafe { &mut *m.block::<u32>(i.d, subgroup) };
         for lane in m.active[subgroup as usize] {
             out[lane] = places[lane];
@@ -41,7 +43,8 @@ pub(super) unsafe fn abort(m: &mut Machine<'_>, i: &Instr) {
         source: i.x,
     };
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises: operands are rows of the program's words.
+        // SAFETY: the caller keeps the contract of `Kernel::run`; operands are rows of the
+        // program's words.
         let places = unsafe { *m.block::<u32>(i.a, subgroup) };
         for lane in m.effective(subgroup) {
             aborts.commit(places[lane], at);

@@ -94,7 +94,8 @@ unsafe fn uniform_buffer(
 ) -> Option<(*mut u8, u64)> {
     let is_uniform = plan.space == Space::Buffer && address[0].is_uniform();
     is_uniform.then(|| {
-        // SAFETY: as the caller promises; a uniform operand is the same in the first lane.
+        // SAFETY: the caller keeps the contract of `Kernel::run`; a uniform operand is the same in
+        // the first lane.
         let region = unsafe { region(m, plan.space, address, m.list[0], 0) };
         (region.base, region.size_bytes)
     })
@@ -149,24 +150,24 @@ impl Copying for In {
         active: LaneMask,
         rows: gather::RowPointers<N>,
     ) -> LaneMask {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { G::load::<T, N>((base, size_bytes), offsets, active, rows) }
     }
 
     #[inline(always)]
     unsafe fn copy_line<T: Lane>(at: *mut u8, row: *mut u8) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { gather::load_run::<T, 1>(at, [row]) }
     }
 
     #[inline(always)]
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { (*row)[lane] = at.read_unaligned().write() };
     }
     #[inline(always)]
     unsafe fn miss<T: Lane>(row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { (*row)[lane] = T::Slot::default() };
     }
 }
@@ -186,19 +187,19 @@ impl Copying for Out {
         active: LaneMask,
         rows: gather::RowPointers<N>,
     ) -> LaneMask {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { G::store::<T, N>(memory, offsets, active, rows) }
     }
 
     #[inline(always)]
     unsafe fn copy_line<T: Lane>(at: *mut u8, row: *mut u8) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { gather::store_run::<T>(at, row) }
     }
 
     #[inline(always)]
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { at.write_unaligned(T::read((*row)[lane])) };
     }
     #[inline(always)]
@@ -213,7 +214,8 @@ impl<C: Copying, G: Gather, T: Lane, const N: usize> Kernel for Accessing<C, G, 
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.code.accesses[i.x as usize];
         let (address, scalars) = operands(m, plan);
-        // SAFETY: as the caller promises; rows of results are apart from those of addresses.
+        // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and the
+        // machine runs its program; rows of results are apart from those of addresses.
         unsafe {
             if plan.alignment != 0 {
                 check_alignment(m, plan, address);
@@ -307,7 +309,7 @@ unsafe fn offsets_in_64_bits<G: Gather>(
     subgroup: u16,
     active: LaneMask,
 ) -> Option<((*mut u8, u64), Row)> {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let descriptor = m.common(address[0], subgroup, active)?;
         let descriptor = m.environment.descriptor(descriptor);
@@ -331,7 +333,8 @@ impl<C: Copying, G: Gather, T: Lane> Kernel for Strided<C, G, T> {
         let plan = &m.code.accesses[i.x as usize];
         let (address, scalars) = operands(m, plan);
         let size_bytes = size_of::<T>() as u32;
-        // SAFETY: as the caller promises; rows of results are apart from those of addresses.
+        // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and the
+        // machine runs its program; rows of results are apart from those of addresses.
         unsafe {
             for &subgroup in m.listed() {
                 let active = C::lanes(m, subgroup);
@@ -396,7 +399,7 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
     (count, row): (usize, impl Fn(usize) -> *mut u8),
 ) -> LaneMask {
     if N != 0 {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         return unsafe { C::copy_all::<G, T, N>((base, size_bytes), offsets, active, rows) };
     }
     // Offsets past 32 bits would wrap.
@@ -410,7 +413,7 @@ unsafe fn copy_block<C: Copying, G: Gather, T: Lane, const N: usize>(
         let k = done;
         let skip = k * size_of::<T>();
         done += if count - k < most { 4 } else { most };
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         outside |= unsafe {
             let rest = size_bytes.saturating_sub(skip as u64);
             let memory = (base.wrapping_add(skip), rest);
@@ -454,7 +457,8 @@ unsafe fn copy_scalars<C: Copying, T: Lane>(
 ) {
     let size = size_of::<T>() as u64;
     for lane in lanes {
-        // SAFETY: as the caller promises; addresses are checked.
+        // SAFETY: the caller keeps the contract of `Kernel::run`; the subgroup is one of the
+        // wave's; addresses are checked.
         unsafe {
             let region = region(m, plan.space, address, subgroup, lane);
             let stride = match plan.stride {
@@ -485,7 +489,7 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
     let alignment = 1u64 << plan.alignment.min(63);
     for &subgroup in m.listed() {
         for lane in m.active[subgroup as usize] {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             let address = unsafe { m.lane(address[0], subgroup, lane, true) };
             if !address.is_multiple_of(alignment) {
                 strays.count(m.program, m.pc, address, alignment);
@@ -505,7 +509,7 @@ unsafe fn load_once(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand], res
         _ => m.list_len.max(1),
     };
     for subgroups in m.listed().chunks(together) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { load_for(m, plan, (address, results), subgroups) };
     }
 }
@@ -521,7 +525,8 @@ unsafe fn load_for(
     subgroups: &[u16],
 ) {
     let size = plan.ty.size_bytes();
-    // SAFETY: as the caller promises; uniform rows serve every subgroup.
+    // SAFETY: the caller keeps the contract of `Kernel::run`; the subgroups are some of the wave's,
+    // at least one; uniform rows serve every subgroup.
     unsafe {
         let region = region(m, plan.space, address, subgroups[0], 0);
         for (k, &result) in results.iter().enumerate() {

@@ -96,22 +96,22 @@ macro_rules! cell {
         impl Cell for $bits {
             #[inline(always)]
             unsafe fn load(at: *mut Self) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $atomic::from_ptr(at) }.load(ORDER)
             }
             #[inline(always)]
             unsafe fn replace(at: *mut Self, old: Self, new: Self) -> Result<Self, Self> {
-                // SAFETY: as above.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $atomic::from_ptr(at) }.compare_exchange(old, new, ORDER, ORDER)
             }
             #[inline(always)]
             unsafe fn fetch_store(at: *mut Self, value: Self) -> Self {
-                // SAFETY: as above.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $atomic::from_ptr(at) }.swap(value, ORDER)
             }
             #[inline(always)]
             unsafe fn fetch_add(at: *mut Self, value: Self) -> Self {
-                // SAFETY: as above.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $atomic::from_ptr(at) }.fetch_add(value, ORDER)
             }
         }
@@ -133,7 +133,7 @@ trait Atomic<T: Cell>: 'static {
     /// As for [`Cell`].
     #[inline(always)]
     unsafe fn perform(at: *mut T, value: T, comparator: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let mut old = T::load(at);
             while let Err(other) = T::replace(at, old, Self::update(old, value, comparator)) {
@@ -154,7 +154,7 @@ impl<T: Cell> Atomic<T> for Load {
     }
     #[inline(always)]
     unsafe fn perform(at: *mut T, _: T, _: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { T::load(at) }
     }
 }
@@ -170,7 +170,7 @@ impl<T: Cell> Atomic<T> for Store {
     }
     #[inline(always)]
     unsafe fn perform(at: *mut T, value: T, _: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { T::fetch_store(at, value) }
     }
 }
@@ -184,7 +184,7 @@ impl<T: Cell> Atomic<T> for Exchange {
     }
     #[inline(always)]
     unsafe fn perform(at: *mut T, value: T, _: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { T::fetch_store(at, value) }
     }
 }
@@ -198,7 +198,7 @@ impl<T: Cell> Atomic<T> for CompareExchange {
     }
     #[inline(always)]
     unsafe fn perform(at: *mut T, value: T, comparator: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { T::replace(at, comparator, value) }.unwrap_or_else(|old| old)
     }
 }
@@ -212,7 +212,7 @@ impl<T: Cell> Atomic<T> for Add {
     }
     #[inline(always)]
     unsafe fn perform(at: *mut T, value: T, _: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { T::fetch_add(at, value) }
     }
 }
@@ -226,7 +226,7 @@ impl<T: Cell> Atomic<T> for Subtract {
     }
     #[inline(always)]
     unsafe fn perform(at: *mut T, value: T, _: T) -> T {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { T::fetch_add(at, T::ZERO.sub(value)) }
     }
 }
@@ -288,7 +288,7 @@ unsafe fn find_places(
     places: &mut Places,
 ) {
     (places.inside, places.one) = (LaneMask::NONE, None);
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let shares = match space {
             Space::Buffer => m.common(address[0], subgroup, lanes).is_some(),
@@ -367,8 +367,9 @@ impl<O: Atomic<T>, T: Cell> Kernel for Performing<O, T> {
                 true => active,
                 false => m.effective(subgroup),
             };
-            // SAFETY: as the caller promises; addresses are checked, and other shader threads
-            // access the memory only by atomics or as the application allows.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; addresses are checked, and other shader threads access
+            // the memory only by atomics or as the application allows.
             unsafe {
                 places.inside = LaneMask::NONE;
                 if !lanes.is_empty() {
@@ -411,10 +412,10 @@ unsafe fn perform<O: Atomic<T>, T: Cell>(
     old: &mut [T; SUBGROUP_SIZE],
 ) {
     let inside = places.inside;
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     let operands =
         |lane: usize| unsafe { (T::read((*values)[lane]), T::read((*comparators)[lane])) };
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         if let Some(at) = places.one.filter(|_| !O::READS && inside.count() > 1) {
             let at = at.cast::<T>();

@@ -28,7 +28,7 @@ pub(super) unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
 /// # Safety
 /// As for every handler: the instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn enter(m: &mut Machine<'_>, i: &Instr) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { *mask(m, i.x) = NO_LANES };
 }
 
@@ -37,7 +37,7 @@ pub(super) unsafe fn enter(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     let parked = unsafe { mask(m, i.x) };
     for (parked, active) in parked.iter_mut().zip(&m.active) {
         *parked |= *active;
@@ -51,7 +51,7 @@ pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn join(m: &mut Machine<'_>, i: &Instr) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     let parked = std::mem::take(unsafe { mask(m, i.x) });
     if !m.set_active(parked) {
         m.pc = i.y as usize;
@@ -89,7 +89,7 @@ unsafe fn sign_words(m: &Machine<'_>, row: Operand) -> [u64; MAX_SUBGROUPS / 4] 
         for k in 0..4 {
             let subgroup = 4 * four + k;
             if m.occupied >> subgroup & 1 != 0 {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 let signs = unsafe { sign_bits(&*m.block::<u32>(row, subgroup as u16)) };
                 *word |= u64::from(signs.bits()) << (16 * k);
             }
@@ -137,7 +137,7 @@ fn split(active: &mut Mask, pending: &mut Mask, words: [u64; MAX_SUBGROUPS / 4])
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn back_edge(m: &mut Machine<'_>, i: &Instr) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     let parked = unsafe { *mask(m, i.x) };
     if !m.set_active(parked) {
         return;
@@ -237,7 +237,7 @@ pub(super) unsafe fn is_helper(m: &mut Machine<'_>, i: &Instr) {
         let helpers = m.helpers[subgroup as usize];
         for k in 0..SUBGROUP_SIZE {
             let word = if helpers.contains(k) { u32::MAX } else { 0 };
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe { m.set_lane(i.d, subgroup, k, false, word.into()) };
         }
     }

@@ -126,7 +126,7 @@ unsafe fn make(
     from: Operand,
     subgroups: &[u16],
 ) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         match source {
             DescriptorSource::Binding(index) => {
@@ -161,7 +161,7 @@ unsafe fn make(
 pub(super) unsafe fn make_again(m: &Machine<'_>, remade: &[Remade]) {
     let subgroups: [u16; MAX_SUBGROUPS] = std::array::from_fn(|s| s as u16);
     for one in remade {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { make(m, one.source, one.to, one.from, &subgroups[..m.subgroups]) };
     }
 }
@@ -171,7 +171,7 @@ pub(super) unsafe fn make_again(m: &Machine<'_>, remade: &[Remade]) {
 /// # Safety
 /// The instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn descriptor(m: &mut Machine<'_>, i: &Instr) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { make(m, DescriptorSource::Binding(i.x), i.d, i.a, m.listed()) };
 }
 
@@ -180,7 +180,7 @@ pub(super) unsafe fn descriptor(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`descriptor`].
 pub(super) unsafe fn descriptor_at(m: &mut Machine<'_>, i: &Instr) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { make(m, DescriptorSource::Reference, i.d, i.a, m.listed()) };
 }
 
@@ -192,7 +192,7 @@ pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
     let binding = &m.code.bindings[i.x as usize];
     let entries = Entries::of(m.environment, binding);
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let index: [u32; SUBGROUP_SIZE] = *m.block::<u32>(i.a, subgroup);
             *m.block::<u64>(i.d, subgroup) = by_lane(|lane| entries.reference(index[lane]));
@@ -207,7 +207,7 @@ pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
     let address = &raw const m.environment.push_constants as u64;
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { *m.block::<u64>(i.d, subgroup) = [address; SUBGROUP_SIZE] };
     }
 }
@@ -219,7 +219,8 @@ pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
     for &subgroup in m.listed() {
         for lane in m.active[subgroup as usize] {
-            // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
+            // SAFETY: the caller guarantees that the instruction was emitted for the program that
+            // the machine runs; active lanes hold addresses of descriptors.
             unsafe {
                 let descriptor = m.environment.descriptor(m.lane(i.a, subgroup, lane, true));
                 m.set_lane(i.d, subgroup, lane, true, descriptor.address);
@@ -235,7 +236,8 @@ pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
     for &subgroup in m.listed() {
         for lane in m.active[subgroup as usize] {
-            // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
+            // SAFETY: the caller guarantees that the instruction was emitted for the program that
+            // the machine runs; active lanes hold addresses of descriptors.
             unsafe {
                 let descriptor = m.environment.descriptor(m.lane(i.a, subgroup, lane, true));
                 let is_wide = i.y != 0;

@@ -47,7 +47,7 @@ pub(super) trait Gather: Tier + Sized {
         active: LaneMask,
         rows: RowPointers<N>,
     ) -> LaneMask {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { load::<Self, T, N>(memory, offsets, active, rows) }
     }
 
@@ -62,7 +62,7 @@ pub(super) trait Gather: Tier + Sized {
         active: LaneMask,
         rows: RowPointers<N>,
     ) -> LaneMask {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
     }
 
@@ -123,7 +123,8 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
     rows: RowPointers<N>,
 ) -> LaneMask {
     let total = (N * size_of::<T>()) as u32;
-    // SAFETY: as the caller promises; offsets are checked.
+    // SAFETY: the caller keeps the contract of `Gather`; as many bytes may be read at `base`, some
+    // lane is active, and the rows are a frame's; offsets are checked.
     unsafe {
         let Some(last) = last(size_bytes, total) else {
             clear::<T, N>(rows, LaneMask::NONE);
@@ -186,7 +187,8 @@ pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
     let Some(last) = last(size_bytes, total) else {
         return active;
     };
-    // SAFETY: as the caller promises; offsets are checked.
+    // SAFETY: the caller keeps the contract of `load`; as many bytes may be written at `base`;
+    // offsets are checked.
     unsafe {
         let filled;
         let offsets = match active {
@@ -235,7 +237,7 @@ pub(super) unsafe fn straddling<G: Gather>(
     for offset in &mut behind {
         *offset = offset.wrapping_sub(size_bytes as u32);
     }
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     match unsafe { G::layout(&behind, span as u32, 0) } {
         Layout::Outside(behind) => outside - behind,
         _ => LaneMask::NONE,
@@ -249,7 +251,7 @@ pub(super) unsafe fn straddling<G: Gather>(
 #[inline(always)]
 unsafe fn clear<T: Lane, const N: usize>(rows: RowPointers<N>, kept: LaneMask) {
     for row in rows {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         let row = unsafe { &mut *row.cast::<[T::Slot; SUBGROUP_SIZE]>() };
         let mut cleared = [T::Slot::default(); SUBGROUP_SIZE];
         for k in 0..SUBGROUP_SIZE {
@@ -269,7 +271,7 @@ unsafe fn clear<T: Lane, const N: usize>(rows: RowPointers<N>, kept: LaneMask) {
 /// There are as many scalars at the address; the rows are a frame's.
 #[inline(always)]
 pub(super) unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: RowPointers<N>) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         if N == 1 {
             let from = at.cast::<[T; SUBGROUP_SIZE]>().read_unaligned();
@@ -296,7 +298,7 @@ pub(super) unsafe fn load_run<T: Lane, const N: usize>(at: *const u8, rows: RowP
 /// There are as many scalars at the address; the row is a frame's.
 #[inline(always)]
 pub(super) unsafe fn store_run<T: Lane>(at: *mut u8, row: *mut u8) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let from = &*row.cast::<[T::Slot; SUBGROUP_SIZE]>();
         let mut scalars = [T::read(from[0]); SUBGROUP_SIZE];
@@ -317,7 +319,7 @@ impl Gather for Portable {
         active: LaneMask,
         rows: RowPointers<N>,
     ) -> LaneMask {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { load::<Self, T, N>(memory, offsets, active, rows) }
     }
 
@@ -328,7 +330,7 @@ impl Gather for Portable {
         active: LaneMask,
         rows: RowPointers<N>,
     ) -> LaneMask {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { store::<Self, T, N>(memory, offsets, active, rows) }
     }
 
@@ -387,12 +389,13 @@ impl Gather for Portable {
         rows: RowPointers<N>,
     ) {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: as the caller promises; every x86-64 processor has SSE2.
+        // SAFETY: the caller guarantees that there are as many scalars at each place, and the rows
+        // are a frame's; every x86-64 processor has SSE2.
         unsafe {
             x86::load_apart::<std::arch::x86_64::__m128i, T, N>(base, offsets, rows)
         };
         #[cfg(not(target_arch = "x86_64"))]
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             load_singly::<T, N>(base, offsets, rows)
         };
@@ -405,12 +408,13 @@ impl Gather for Portable {
         rows: RowPointers<N>,
     ) {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: as the caller promises; every x86-64 processor has SSE2.
+        // SAFETY: the caller guarantees that there are as many scalars at each place, and the rows
+        // are a frame's; every x86-64 processor has SSE2.
         unsafe {
             x86::store_apart::<std::arch::x86_64::__m128i, T, N>(base, offsets, rows)
         };
         #[cfg(not(target_arch = "x86_64"))]
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             store_singly::<T, N>(base, offsets, rows, LaneMask::ALL)
         };
@@ -430,7 +434,7 @@ unsafe fn store_singly<T: Lane, const N: usize>(
 ) {
     for lane in active {
         for (scalar, row) in rows.into_iter().enumerate() {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 let at = base.add(offsets[lane] as usize).cast::<T>().add(scalar);
                 at.write_unaligned(T::read(*row.cast::<T::Slot>().add(lane)));
@@ -451,7 +455,7 @@ unsafe fn load_singly<T: Lane, const N: usize>(
 ) {
     for (lane, &offset) in offsets.iter().enumerate() {
         for (scalar, row) in rows.into_iter().enumerate() {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 let at = base.add(offset as usize).cast::<T>().add(scalar);
                 *row.cast::<T::Slot>().add(lane) = at.read_unaligned().write();

@@ -61,7 +61,7 @@ fn in_tier<T: Tier>(op: &ImageOp) -> Handler {
 pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
     let plan = &m.code.images[i.x as usize];
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { block(m, plan, subgroup) };
     }
 }
@@ -77,7 +77,8 @@ unsafe fn query(m: &mut Machine<'_>, i: &Instr) {
     let mut known = None;
     for &subgroup in m.listed() {
         let mask = m.active[subgroup as usize];
-        // SAFETY: as the caller promises; such an operation's results are of 32 bits.
+        // SAFETY: the caller guarantees that the instruction was emitted for the program that the
+        // machine runs; such an operation's results are of 32 bits.
         unsafe {
             let asked = (m.common(plan.image, subgroup, mask)).filter(|_| is_uniform);
             match known {
@@ -185,8 +186,8 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) {
     let mask = lanes(m, plan, subgroup);
     let mut halves = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     let mut results = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-    // SAFETY: as the caller promises; active lanes hold addresses of descriptors, and rows of
-    // results are apart from those of operands.
+    // SAFETY: the caller keeps the contract of `image`; the subgroup is one of the wave's; active
+    // lanes hold addresses of descriptors, and rows of results are apart from those of operands.
     unsafe {
         let mut wide_rows = halves.chunks_exact_mut(2);
         let mut rows = [&[0; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
@@ -303,7 +304,7 @@ impl<T: Tier> Kernel for Sample<T> {
 unsafe fn operand_rows(m: &Machine<'_>, plan: &ImagePlan) -> [Rows; wave::MAX_OPERANDS] {
     let mut rows = [Rows::NONE; wave::MAX_OPERANDS];
     for (rows, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         *rows = unsafe { rows_of(m, operand) };
     }
     rows
@@ -313,7 +314,7 @@ unsafe fn operand_rows(m: &Machine<'_>, plan: &ImagePlan) -> [Rows; wave::MAX_OP
 /// As [`Machine::row`].
 #[inline(always)]
 unsafe fn rows_of(m: &Machine<'_>, operand: Operand) -> Rows {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     let (first, step_bytes) = unsafe { m.row(operand) };
     Rows {
         first: first.cast(),
@@ -335,7 +336,7 @@ unsafe fn wave_of<'w>(
     let mut results = [Rows::NONE; 4];
     for (index, rows) in results.iter_mut().enumerate() {
         if let (Some(&(result, _)), 1) = (plan.results.get(index), plan.wanted >> index & 1) {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of this function.
             *rows = unsafe { rows_of(m, result) };
         }
     }
@@ -355,7 +356,7 @@ unsafe fn wave_of<'w>(
 #[inline(always)]
 unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, subgroup: u16) -> Option<(u64, u64)> {
     let mask = m.active[subgroup as usize];
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let image = m.common(plan.image, subgroup, mask);
         image.zip(m.common(plan.sampler, subgroup, mask))
@@ -373,7 +374,8 @@ pub(super) unsafe fn resolve<'p>(
     wanted: u8,
     (image, sampler): (u64, u64),
 ) -> Option<Fast<'p>> {
-    // SAFETY: as the caller promises; what descriptors point to outlives the dispatch.
+    // SAFETY: the caller keeps the contract of `block`: the addresses are an active lane's; what
+    // descriptors point to outlives the dispatch.
     let (image, sampler): (Option<&'p ImageDescriptor>, Option<&'p SamplerDescriptor>) = unsafe {
         (
             environment.descriptor(image).viewed_image().as_ref(),
@@ -454,7 +456,7 @@ unsafe fn access<T: Tier, const WRITES: bool>(
     mut wave: Wave<'_>,
 ) {
     while !wave.subgroups.is_empty() {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let done = match plain {
                 Some(plain) if WRITES => wave::store(T::KIND, plain, &wave),

@@ -229,7 +229,7 @@ impl Machine<'_> {
     /// As [`Self::block`]; `wide` tells 64-bit operands.
     #[inline(always)]
     pub unsafe fn lane(&self, operand: Operand, subgroup: u16, lane: usize, wide: bool) -> u64 {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             if wide {
                 (*self.block::<u64>(operand, subgroup))[lane]
@@ -252,7 +252,7 @@ impl Machine<'_> {
         wide: bool,
         value: u64,
     ) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             if wide {
                 (*self.block::<u64>(operand, subgroup))[lane] = value;
@@ -269,7 +269,7 @@ impl Machine<'_> {
     /// As [`Self::block`].
     #[inline(always)]
     pub unsafe fn common(&self, operand: Operand, subgroup: u16, mask: LaneMask) -> Option<u64> {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         let lanes = unsafe { &*self.block::<u64>(operand, subgroup) };
         let first = lanes[mask.first() & (SUBGROUP_SIZE - 1)];
         if operand.is_uniform() {

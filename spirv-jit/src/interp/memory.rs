@@ -59,7 +59,7 @@ unsafe fn find_rows<G: Gather>(
     let Some(last) = (m.plan.private_rows as u32).checked_sub(count) else {
         return PrivateRows::Missing;
     };
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let mut filled = G::fill(rows, lanes);
         let mut inside = lanes;
@@ -92,7 +92,8 @@ impl<G: Gather, const ROWS: usize> Kernel for LoadPrivate<G, ROWS> {
         let (address, results) = operands(m, &plan);
         for &subgroup in m.listed() {
             let s = subgroup as usize;
-            // SAFETY: as the caller promises; rows are checked.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; rows are checked.
             unsafe {
                 let base = m.state_row(s, m.plan.private);
                 let first = *m.block::<u32>(address[0], subgroup);
@@ -146,7 +147,8 @@ impl<G: Gather, const ROWS: usize> Kernel for StorePrivate<G, ROWS> {
         let (address, values) = operands(m, &plan);
         for &subgroup in m.listed() {
             let s = subgroup as usize;
-            // SAFETY: as the caller promises; rows are checked.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; rows are checked.
             unsafe {
                 let base = m.state_row(s, m.plan.private);
                 let first = *m.block::<u32>(address[0], subgroup);
@@ -210,7 +212,8 @@ impl Kernel for Emit {
         for &subgroup in m.listed() {
             let s = subgroup as usize;
             let active = m.active[s];
-            // SAFETY: as the caller promises; the plan made room for a row for each word of each
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; the plan made room for a row for each word of each
             // slot, and the verifier counted the words.
             unsafe {
                 let base = m.state_row(s, m.plan.emitted);
@@ -244,7 +247,8 @@ impl Kernel for VariableLoad {
         let row = m.plan.private + i.x as usize;
         for &subgroup in m.listed() {
             let s = subgroup as usize;
-            // SAFETY: as the caller promises; the emitter checked the row.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; the emitter checked the row.
             unsafe {
                 let low = *m.state_row(s, row);
                 if i.y == 0 {
@@ -271,7 +275,8 @@ impl Kernel for VariableStore {
         for &subgroup in m.listed() {
             let s = subgroup as usize;
             let mask = m.active[s];
-            // SAFETY: as the caller promises; the emitter checked the row.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; the emitter checked the row.
             unsafe {
                 let low = &mut *m.state_row(s, row);
                 if i.y == 0 {
@@ -299,7 +304,8 @@ pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
     for row in i.x..i.y {
         for &subgroup in m.listed() {
             let s = subgroup as usize;
-            // SAFETY: as the caller promises; the emitter checked the rows.
+            // SAFETY: the caller keeps the contract of `load_private`; the emitter checked the
+            // rows.
             let words = unsafe { &mut *m.state_row(s, m.plan.private + row as usize) };
             for (k, word) in words.iter_mut().enumerate() {
                 *word = if m.active[s].contains(k) { 0 } else { *word };
@@ -340,7 +346,7 @@ pub(super) unsafe fn uniform(m: &mut Machine<'_>, i: &Instr) {
     let uniforms = &m.environment.uniforms;
     let word = uniforms.get(i.x as usize).copied().unwrap_or(0);
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { *m.block::<u32>(i.d, subgroup) = [word; SUBGROUP_SIZE] };
     }
 }
@@ -351,7 +357,7 @@ pub(super) unsafe fn uniform(m: &mut Machine<'_>, i: &Instr) {
 /// As [`load_private`].
 pub(super) unsafe fn lane_index(m: &mut Machine<'_>, i: &Instr) {
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { *m.block::<u32>(i.d, subgroup) = std::array::from_fn(|k| k as u32) };
     }
 }
@@ -366,7 +372,7 @@ pub(super) unsafe fn read_clock(m: &mut Machine<'_>, i: &Instr) {
     static START: OnceLock<Instant> = OnceLock::new();
     let now = START.get_or_init(Instant::now).elapsed().as_nanos() as u64;
     for &subgroup in m.listed() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { *m.block::<u64>(i.d, subgroup) = [now; SUBGROUP_SIZE] };
     }
 }

@@ -23,7 +23,8 @@ fn address(i: &Instr) -> usize {
 /// The instruction was emitted for the program that the machine runs, which owns the code.
 pub(super) unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
     let (runs, count) = m.runs();
-    // SAFETY: as the caller promises; subgroups are the wave's, whose frames follow one another.
+    // SAFETY: the caller guarantees that the instruction was emitted for the program that the
+    // machine runs, which owns the code; subgroups are the wave's, whose frames follow one another.
     unsafe {
         let code = std::mem::transmute::<usize, Code>(address(i));
         for &subgroup in runs {
@@ -55,8 +56,9 @@ pub(super) unsafe fn run_loop(m: &mut Machine<'_>, i: &Instr) {
         workgroup: std::ptr::null(),
     };
     let mut own = [NONE; NO_LANES.len()];
-    // SAFETY: as the caller promises; subgroups are the wave's, whose frames follow one another.
-    // Descriptors are uniform: the same in every lane. A plan has at most `MAX_REGIONS` regions.
+    // SAFETY: the caller keeps the contract of `run`; subgroups are the wave's, whose frames follow
+    // one another. Descriptors are uniform: the same in every lane. A plan has at most
+    // `MAX_REGIONS` regions.
     unsafe {
         (*context).fuel = fuel;
         (*context).private_rows = m.plan.private_rows as u32;

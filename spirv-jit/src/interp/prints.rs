@@ -18,7 +18,8 @@ pub(super) unsafe fn debug_printf(m: &mut Machine<'_>, i: &Instr) {
     let (key, arguments) = operands.split_at(plan.key_words);
     for &subgroup in m.listed() {
         for lane in m.effective(subgroup) {
-            // SAFETY: as the caller promises: operands are rows of the program's words.
+            // SAFETY: the caller keeps the contract of `Kernel::run`; operands are rows of the
+            // program's words.
             let word = |&operand| unsafe { (*m.block::<u32>(operand, subgroup))[lane] };
             let mut record = Record {
                 key: [0; MAX_KEY_WORDS],

@@ -60,7 +60,7 @@ pub(super) unsafe fn region(
     offset: u16,
     lane: usize,
 ) -> Region {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         match space {
             Space::Private => Region::NOWHERE,
@@ -135,7 +135,7 @@ fn look_up(m: &Machine<'_>, address: u64) -> u64 {
 /// mix of old and new, as the memory model of the shader language has it.
 #[inline(always)]
 pub(super) unsafe fn read_scalar(at: *const u8, size_bytes: u32) -> u64 {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         match size_bytes {
             1 => at.read() as u64,

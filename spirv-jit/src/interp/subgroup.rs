@@ -101,7 +101,7 @@ impl Kernel for Elect {
             for k in 0..SUBGROUP_SIZE {
                 row[k] = boolean(k as u32 == first as u32);
             }
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of `Kernel::run`.
             unsafe { *m.block::<u32>(i.d, subgroup) = row };
         }
     }
@@ -116,7 +116,8 @@ impl Kernel for Vote {
         let plan = m.code.subgroups[i.x as usize];
         for &subgroup in m.listed() {
             let mask = participants(m, &plan, subgroup);
-            // SAFETY: as the caller promises; the operand is a boolean.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; the operand is a boolean.
             unsafe {
                 let holds = LaneMask::with_any(&*m.block::<u32>(i.a, subgroup), u32::MAX) & mask;
                 let word = match plan.op {
@@ -139,7 +140,8 @@ impl<O: Binary<T, T, bool>, T: Lane> Kernel for AllEqual<O, T> {
         let plan = m.code.subgroups[i.x as usize];
         for &subgroup in m.listed() {
             let mask = participants(m, &plan, subgroup);
-            // SAFETY: as the caller promises; a block is read before it is written.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; a block is read before it is written.
             unsafe {
                 let row = *m.block::<T::Slot>(i.a, subgroup);
                 let first = T::read(row[mask.first()]);
@@ -189,7 +191,7 @@ impl<S: Lane<Slot = S>> Kernel for BroadcastFirst<S> {
         let plan = m.code.subgroups[i.x as usize];
         for &subgroup in m.listed() {
             let first = participants(m, &plan, subgroup).first();
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of `Kernel::run`.
             unsafe {
                 let scalar = (*m.block::<S>(i.a, subgroup))[first];
                 *m.block::<S>(i.d, subgroup) = [scalar; SUBGROUP_SIZE];
@@ -205,7 +207,8 @@ impl<P: Permute, S: permute::Word> Kernel for Shuffle<P, S> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         for &subgroup in m.listed() {
-            // SAFETY: as the caller promises; blocks are read before one is written.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; blocks are read before one is written.
             unsafe {
                 let (row, from) = (*m.block::<S>(i.a, subgroup), *m.block::<u32>(i.b, subgroup));
                 *m.block::<S>(i.d, subgroup) = S::shuffled::<P>(&row, &from);

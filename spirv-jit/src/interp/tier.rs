@@ -31,7 +31,7 @@ macro_rules! tier {
             fn handler<K: Kernel>() -> Handler {
                 $(#[target_feature(enable = $features)])?
                 unsafe fn shell<K: Kernel>(machine: &mut Machine<'_>, instr: &Instr) {
-                    // SAFETY: as the caller promises.
+                    // SAFETY: the caller keeps the contract of this function.
                     unsafe { K::run(machine, instr) }
                 }
                 shell::<K>

@@ -27,8 +27,9 @@ impl<'a> Sampling<'a> {
     pub unsafe fn new(tinted: &'a Tinted, environment: &'a Environment) -> Option<Self> {
         let address = |bound: &Bound| Entries::of(environment, &bound.binding).address(bound.index);
         let descriptors = (address(&tinted.image), address(&tinted.sampler));
-        // SAFETY: the addresses are of descriptors of the environment; for what they point to, the
-        // caller's promise.
+        // SAFETY: the addresses are of descriptors of the environment; for what they point to; the
+        // caller guarantees that the data that the environment points to stays valid for the
+        // lifetime, as `Program::run` requires.
         let fast = unsafe { resolve(environment, &tinted.op, tinted.wanted, descriptors) }?;
         Some(Self { fast })
     }
@@ -70,7 +71,7 @@ impl<'a> Sampling<'a> {
             derives: true,
         };
         // SAFETY: the rows are the coordinates', in the places of derivatives, too, and those of
-        // the texels; for the rest, the caller's promise.
+        // the texels; the caller keeps the contract of `Self::new`.
         unsafe { wave::sample(tier, &self.fast, &wave) };
     }
 }

@@ -87,7 +87,7 @@ impl Scratch {
     #[inline(always)]
     unsafe fn rows(&self, first: usize, count: usize) -> &[AlignedRow] {
         let rows = &self.0[first..first + count];
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { std::slice::from_raw_parts(rows.as_ptr().cast(), count) }
     }
 }
@@ -181,7 +181,7 @@ unsafe fn widen_all<V: Vector>(
     (to, first): (&mut Scratch, usize),
 ) {
     for (k, &row) in rows.iter().enumerate() {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         let row = unsafe { &*m.block::<u32>(row, subgroup) };
         to.write(v, first + k, widen(v, component, row));
     }
@@ -200,7 +200,8 @@ unsafe fn lanes_like(
     among: LaneMask,
 ) -> LaneMask {
     let mut lanes = among;
-    // SAFETY: as the caller promises: rows are read as the types of an address say.
+    // SAFETY: the caller keeps the contract of `Kernel::run`; the lane is one of them; rows are
+    // read as the types of an address say.
     unsafe {
         let (place, rest) = (parts.address[0], &parts.address[1..]);
         if !place.is_uniform() {
@@ -260,7 +261,7 @@ impl Matrix {
                 true => (TILE.min(columns - left), (left, top)),
                 false => (rows, (top, left)),
             };
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 match self.product.matrix {
                     Component::F16 => {
@@ -290,7 +291,7 @@ impl Matrix {
         (to, at): (&mut Scratch, usize),
     ) {
         for k in 0..lines {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             let part = unsafe { self.part(v, component, line + k, first) };
             to.write(v, at + k, part);
         }
@@ -377,7 +378,8 @@ unsafe fn multiply<V: Vector, const SUMS: usize>(
     let mut tiles = Scratch::new();
     for top in (0..parts.results.len()).step_by(TILE) {
         let rows = TILE.min(parts.results.len() - top);
-        // SAFETY: as the caller promises; all lines of tiles are written.
+        // SAFETY: the caller keeps the contract of `Kernel::run`; the region is as `Matrix::fill`
+        // wants it; all lines of tiles are written.
         unsafe {
             matrix.fill(v, (top, rows), columns, &mut tiles);
             let tiles = tiles.rows(0, columns.next_multiple_of(TILE));
@@ -431,7 +433,7 @@ unsafe fn add_up<V: Vector, const SUMS: usize>(
     let is_integer = !sum.is_float();
     let mut sums = [AlignedRow::default(); TILE];
     for (&added, to) in added.iter().zip(&mut sums) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         let added = unsafe { &*m.block::<u32>(added, subgroup) };
         match is_integer {
             true => to.0 = *added,
@@ -465,7 +467,7 @@ unsafe fn add_up<V: Vector, const SUMS: usize>(
             Component::F16 => v.to_half(total),
             _ => v.bits_of(total),
         };
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         let to = unsafe { &mut *m.block::<u32>(to, subgroup) };
         let result = match lanes {
             LaneMask::ALL => result,

@@ -47,7 +47,7 @@ unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
 #[cold]
 #[inline(never)]
 pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { suspend(m, point, Event::OutOfFuel) };
 }
 
@@ -57,7 +57,7 @@ pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
 unsafe fn save(m: &Machine<'_>, saved: List) {
     for range in m.plan.kept.values.ranges(saved) {
         for value in &m.code.saved[range] {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 let (base, step) = m.row(value.operand);
                 let row = value.row as usize;
@@ -81,7 +81,7 @@ unsafe fn save(m: &Machine<'_>, saved: List) {
 unsafe fn restore(m: &Machine<'_>, saved: List) {
     for range in m.plan.kept.values.ranges(saved) {
         for value in &m.code.saved[range] {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 let (base, step) = m.row(value.operand);
                 let row = value.row as usize;
@@ -103,7 +103,8 @@ unsafe fn restore(m: &Machine<'_>, saved: List) {
 /// As [`save`].
 #[inline(always)]
 unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
-    // SAFETY: as the caller promises; what descriptors are made of was restored before.
+    // SAFETY: the caller guarantees that the states have the program's layout, the lists are the
+    // program's; what descriptors are made of was restored before.
     unsafe {
         restore(m, live.saved);
         restore(m, live.inputs);
@@ -155,7 +156,7 @@ impl Kernel for Resume {
 /// Row and operand are the program's.
 #[inline(always)]
 unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let (base, step) = m.row(operand);
         let row = m.plan.layout.io + row;
@@ -198,7 +199,7 @@ impl Kernel for Yield {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let first = i.x as usize;
         let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of `Kernel::run`.
         unsafe {
             for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
                 let row = if k < fixed {
@@ -222,7 +223,7 @@ impl Kernel for Yield {
 unsafe fn suspend_at_site(m: &mut Machine<'_>, point: u32) {
     let site = m.code.points[point as usize].site;
     let event = site.map_or(Event::OutOfFuel, Event::Yield);
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { suspend(m, point, event) };
 }
 
@@ -241,8 +242,9 @@ impl Kernel for YieldAgain {
             environment: m.environment.number,
             point: i.y.into(),
         };
-        // SAFETY: as the caller promises. Nothing else is written to the io rows of such a program
-        // while a state holds its operands.
+        // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and the
+        // machine runs its program. Nothing else is written to the io rows of such a program while
+        // a state holds its operands.
         unsafe {
             let stand = |&s: &u16| *HeldOperands::of(m.states[s as usize]) == here;
             let all_stand = m.listed().iter().all(stand);
@@ -280,7 +282,7 @@ impl Kernel for Barrier {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         if !(m.is_whole && m.list_len == m.subgroups) {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of `Kernel::run`.
             unsafe { Yield::run(m, i) };
         }
     }
@@ -295,7 +297,7 @@ impl Kernel for ReadIo {
         let first = i.x as usize;
         let count = i.b.raw() as usize;
         for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of `Kernel::run`.
             unsafe {
                 let (base, step) = m.row(operand);
                 let row = m.plan.layout.io + i.c.raw() as usize + k;
@@ -317,7 +319,7 @@ impl Kernel for ReadVerdict {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let mut active = m.active;
         for &subgroup in m.listed() {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of `Kernel::run`.
             unsafe {
                 let s = subgroup as usize;
                 let verdict = &*m.state_row(s, m.plan.layout.io);
@@ -345,7 +347,7 @@ impl Kernel for WriteOutputs {
         let count = (i.b.raw() as usize).min(m.outputs);
         let end = (i.c.raw() as usize).min(m.outputs);
         let operands = &m.code.operands[first..first + count];
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of `Kernel::run`.
         unsafe {
             for &subgroup in m.listed() {
                 let s = subgroup as usize;
@@ -372,7 +374,7 @@ pub(super) struct Input;
 impl Kernel for Input {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of `Kernel::run`.
         unsafe {
             let (base, step) = m.row(i.d);
             let row = m.plan.layout.inputs + i.x as usize;

@@ -57,7 +57,7 @@ pub(crate) struct Executable {
 
 // SAFETY: the pages are read-only until they are given back.
 unsafe impl Send for Executable {}
-// SAFETY: as above.
+// SAFETY: the pages are read-only until they are given back.
 unsafe impl Sync for Executable {}
 
 impl Executable {

@@ -56,44 +56,44 @@ macro_rules! register {
             $quarters_of
             #[inline(always)]
             unsafe fn load(from: *const u8) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $load(from.cast()) }
             }
             #[inline(always)]
             unsafe fn store(self, to: *mut u8) {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $store(to.cast(), self) }
             }
             #[inline(always)]
             unsafe fn splat(word: u32) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $splat(word as i32) }
             }
             #[inline(always)]
             unsafe fn shift_left(self, bits: u32) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $shift_left(self, _mm_cvtsi32_si128(bits as i32)) }
             }
             #[inline(always)]
             unsafe fn shift_right(self, bits: u32) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $shift_right(self, _mm_cvtsi32_si128(bits as i32)) }
             }
             $(
                 #[inline(always)]
                 unsafe fn $name(self, other: Self) -> Self {
-                    // SAFETY: as the caller promises.
+                    // SAFETY: the caller keeps the contract of this function.
                     unsafe { $instruction(self, other) }
                 }
             )*
             #[inline(always)]
             unsafe fn even_words(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $to_integers($shuffle::<0x88>($to_floats(self), $to_floats(other))) }
             }
             #[inline(always)]
             unsafe fn odd_words(self, other: Self) -> Self {
-                // SAFETY: as the caller promises.
+                // SAFETY: the caller keeps the contract of this function.
                 unsafe { $to_integers($shuffle::<0xdd>($to_floats(self), $to_floats(other))) }
             }
         }
@@ -118,11 +118,11 @@ register! {
 register! {
     __m256i, 2,
     unsafe fn join([a, b, ..]: [__m128i; 4]) -> Self {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(a), b) }
     }
     unsafe fn quarters(self) -> [__m128i; 4] {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let (low, high) = (_mm256_castsi256_si128(self), _mm256_extracti128_si256::<1>(self));
             [low, high, _mm_setzero_si128(), _mm_setzero_si128()]
@@ -136,7 +136,7 @@ register! {
 register! {
     __m512i, 4,
     unsafe fn join([a, b, c, d]: [__m128i; 4]) -> Self {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let low = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(a), b);
             let high = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(c), d);
@@ -144,7 +144,7 @@ register! {
         }
     }
     unsafe fn quarters(self) -> [__m128i; 4] {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             [
                 _mm512_castsi512_si128(self),
@@ -170,7 +170,7 @@ pub(super) unsafe fn load_apart<R: Register, T: Lane, const N: usize>(
     offsets: &Row,
     rows: RowPointers<N>,
 ) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         match (size_of::<T>(), N) {
             (1 | 2 | 4, 1..=4) | (1, 16) | (2, 8) => {
@@ -210,7 +210,7 @@ unsafe fn load_quarters<R: Register, T: Lane, const N: usize>(
     rows: RowPointers<N>,
     first: usize,
 ) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let size = size_of::<T>();
         let at =
@@ -326,7 +326,7 @@ unsafe fn load_pairs<R: Register, const N: usize>(
     rows: RowPointers<N>,
     first: usize,
 ) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let at = |pair: usize, k: usize| base.add(offsets[2 * (first + pair) + k] as usize);
         macro_rules! put {
@@ -360,7 +360,7 @@ pub(super) unsafe fn store_apart<R: Register, T: Lane, const N: usize>(
     offsets: &Row,
     rows: RowPointers<N>,
 ) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         match (size_of::<T>(), N) {
             (4, 2 | 4) | (2, 4 | 8) | (1, 16) => {
@@ -384,7 +384,7 @@ unsafe fn store_quarters<R: Register, T: Lane, const N: usize>(
     rows: RowPointers<N>,
     first: usize,
 ) {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let at =
             |quarter: usize, k: usize| base.add(offsets[TOGETHER * (first + quarter) + k] as usize);
@@ -461,7 +461,7 @@ fn layout(offsets: &Row, inside: u16, same: u16, run: u16) -> Layout {
 impl Gather for Avx512 {
     #[inline(always)]
     unsafe fn layout(offsets: &Row, last: u32, size_bytes: u32) -> Layout {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let lanes = _mm512_loadu_si512(offsets.as_ptr().cast());
             let first = _mm512_set1_epi32(offsets[0] as i32);
@@ -475,7 +475,7 @@ impl Gather for Avx512 {
 
     #[inline(always)]
     unsafe fn fill(offsets: &Row, active: LaneMask) -> Row {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             let first = _mm512_set1_epi32(offsets[active.first()] as i32);
             let from = offsets.as_ptr().cast();
@@ -486,7 +486,7 @@ impl Gather for Avx512 {
 
     #[inline(always)]
     unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
-        // SAFETY: as the caller promises; addresses are two registers long.
+        // SAFETY: the caller keeps the contract of this function; addresses are two registers long.
         unsafe {
             let start = _mm512_set1_epi64(start as i64);
             let mut near = [_mm256_setzero_si256(); 2];
@@ -504,7 +504,7 @@ impl Gather for Avx512 {
         offsets: &Row,
         rows: RowPointers<N>,
     ) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { load_apart::<__m512i, T, N>(base, offsets, rows) }
     }
 
@@ -514,7 +514,7 @@ impl Gather for Avx512 {
         offsets: &Row,
         rows: RowPointers<N>,
     ) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { store_apart::<__m512i, T, N>(base, offsets, rows) }
     }
 }
@@ -525,7 +525,7 @@ impl Gather for Avx512 {
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn bits([low, high]: [__m256i; 2]) -> u16 {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let low = _mm256_movemask_ps(_mm256_castsi256_ps(low));
         let high = _mm256_movemask_ps(_mm256_castsi256_ps(high));
@@ -539,7 +539,7 @@ unsafe fn bits([low, high]: [__m256i; 2]) -> u16 {
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn spread(active: LaneMask) -> [__m256i; 2] {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let lanes = _mm256_set1_epi32(active.bits() as i32);
         let low = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
@@ -551,7 +551,7 @@ unsafe fn spread(active: LaneMask) -> [__m256i; 2] {
 impl Gather for Avx2 {
     #[inline(always)]
     unsafe fn layout(offsets: &Row, last: u32, size_bytes: u32) -> Layout {
-        // SAFETY: as the caller promises; a row is two registers long.
+        // SAFETY: the caller guarantees that the machine has AVX2; a row is two registers long.
         unsafe {
             let first = _mm256_set1_epi32(offsets[0] as i32);
             let last = _mm256_set1_epi32(last as i32);
@@ -571,7 +571,7 @@ impl Gather for Avx2 {
 
     #[inline(always)]
     unsafe fn fill(offsets: &Row, active: LaneMask) -> Row {
-        // SAFETY: as the caller promises; a row is two registers long.
+        // SAFETY: the caller guarantees that the machine has AVX2; a row is two registers long.
         unsafe {
             let first = _mm256_set1_epi32(offsets[active.first()] as i32);
             let mut filled = spread(active);
@@ -585,7 +585,8 @@ impl Gather for Avx2 {
 
     #[inline(always)]
     unsafe fn distances(addresses: &[u64; SUBGROUP_SIZE], start: u64) -> Row {
-        // SAFETY: as the caller promises; addresses are four registers long.
+        // SAFETY: the caller guarantees that the machine has AVX2; addresses are four registers
+        // long.
         unsafe {
             let start = _mm256_set1_epi64x(start as i64);
             let zero = _mm256_setzero_si256();
@@ -611,7 +612,7 @@ impl Gather for Avx2 {
         offsets: &Row,
         rows: RowPointers<N>,
     ) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { load_apart::<__m256i, T, N>(base, offsets, rows) }
     }
 
@@ -621,7 +622,7 @@ impl Gather for Avx2 {
         offsets: &Row,
         rows: RowPointers<N>,
     ) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { store_apart::<__m256i, T, N>(base, offsets, rows) }
     }
 }

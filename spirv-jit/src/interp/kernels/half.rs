@@ -45,7 +45,7 @@ mod x86 {
         type Held = f32;
         #[inline(always)]
         unsafe fn load(from: *const Words) -> [f32; SUBGROUP_SIZE] {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 match BITS {
                     512 => half_vectors::widen_avx512(from),
@@ -55,7 +55,7 @@ mod x86 {
         }
         #[inline(always)]
         unsafe fn store(held: [f32; SUBGROUP_SIZE], to: *mut Words) {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             unsafe {
                 match BITS {
                     512 => half_vectors::narrow_avx512(&held, to),

@@ -61,12 +61,12 @@ impl<T: Lane> Block for T {
     type Held = T::Slot;
     #[inline(always)]
     unsafe fn load(from: *const [T::Slot; SUBGROUP_SIZE]) -> [T::Slot; SUBGROUP_SIZE] {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { *from }
     }
     #[inline(always)]
     unsafe fn store(held: [T::Slot; SUBGROUP_SIZE], to: *mut [T::Slot; SUBGROUP_SIZE]) {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { *to = held }
     }
     #[inline(always)]
@@ -103,7 +103,7 @@ pub(super) unsafe fn at<S>(
     (base, step): (*mut u8, usize),
     subgroup: u16,
 ) -> *mut [S; SUBGROUP_SIZE] {
-    // SAFETY: as the caller promises.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { base.add(subgroup as usize * step).cast() }
 }
 
@@ -119,7 +119,7 @@ impl<S> Blocks<S> {
     #[inline(always)]
     pub unsafe fn new(row: (*mut u8, usize), subgroup: u16) -> Self {
         Self {
-            // SAFETY: as the caller promises.
+            // SAFETY: the caller keeps the contract of this function.
             at: unsafe { at(row, subgroup) },
             step: row.1,
         }

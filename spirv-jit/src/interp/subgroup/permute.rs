@@ -31,7 +31,7 @@ pub(in crate::interp) trait Word: Copy + 'static {
 impl Word for u32 {
     #[inline(always)]
     unsafe fn shuffled<P: Permute>(row: &Row, from: &Row) -> Row {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { P::shuffle(row, from) }
     }
 }
@@ -39,7 +39,7 @@ impl Word for u32 {
 impl Word for u64 {
     #[inline(always)]
     unsafe fn shuffled<P: Permute>(row: &Pairs, from: &Row) -> Pairs {
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { P::shuffle_pairs(row, from) }
     }
 }
@@ -84,7 +84,7 @@ mod x86 {
     impl Permute for Avx2 {
         #[inline(always)]
         unsafe fn shuffle(words: &Row, from: &Row) -> Row {
-            // SAFETY: as the caller promises; a row is two registers.
+            // SAFETY: the caller keeps the contract of this function; a row is two registers.
             unsafe {
                 let [low, high] = transmute::<Row, [__m256i; 2]>(*words);
                 let mut lanes = transmute::<Row, [__m256i; 2]>(*from);
@@ -113,7 +113,7 @@ mod x86 {
     impl Permute for Avx512 {
         #[inline(always)]
         unsafe fn shuffle(words: &Row, from: &Row) -> Row {
-            // SAFETY: as the caller promises; a row is a register.
+            // SAFETY: the caller keeps the contract of this function; a row is a register.
             unsafe {
                 let words = transmute::<Row, __m512i>(*words);
                 let from = transmute::<Row, __m512i>(*from);
@@ -125,7 +125,7 @@ mod x86 {
 
         #[inline(always)]
         unsafe fn shuffle_pairs(pairs: &Pairs, from: &Row) -> Pairs {
-            // SAFETY: as the caller promises; pairs are two registers.
+            // SAFETY: the caller keeps the contract of this function; pairs are two registers.
             unsafe {
                 let [low, high] = transmute::<Pairs, [__m512i; 2]>(*pairs);
                 let lanes = transmute::<Row, [__m256i; 2]>(*from);

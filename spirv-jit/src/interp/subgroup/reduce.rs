@@ -311,7 +311,8 @@ impl<O: Combining<T>, T: Lane, const WHOLE: bool> Kernel for Reduce<O, T, WHOLE>
         };
         for &subgroup in m.listed() {
             let mask = participants(m, &plan, subgroup);
-            // SAFETY: as the caller promises; a block is read before it is written.
+            // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
+            // the machine runs its program; a block is read before it is written.
             unsafe {
                 let row = *m.block::<T::Slot>(i.a, subgroup);
                 *m.block::<T::Slot>(i.d, subgroup) = reduce::<O, T>(&row, mask, cluster);

@@ -81,7 +81,8 @@ impl AccessKind {
             rows: &mut RowBuffer,
         ) -> LaneMask {
             let to = std::array::from_fn(|k| rows.0[k].as_mut_ptr());
-            // SAFETY: as the caller promises; rows are as long as those of 64-bit lanes.
+            // SAFETY: the caller keeps the contract of `gather::load`; rows are as long as those of
+            // 64-bit lanes.
             unsafe { gather::load::<G, T, N>(from, offsets, active, to) }
         }
         /// # Safety
@@ -164,7 +165,7 @@ fn accesses_of(access: &AccessKind, random: &mut Random) {
         }
         let (mut given, mut expected) = (memory.clone(), memory.clone());
         let to = (given.as_mut_ptr(), size_bytes as u64);
-        // SAFETY: as above.
+        // SAFETY: the machine has the tier.
         let left = unsafe { (access.store)(to, &offsets, active, &mut rows) };
         assert_eq!(left, outside, "{offsets:?}, {active:?}");
         for lane in active - outside {
@@ -212,7 +213,7 @@ fn far_accesses_of(access: &AccessKind, memory: &Sparse, random: &mut Random) {
             assert!(left.is_empty(), "{offsets:x?}");
             let mut loaded = RowBuffer([[BEFORE; 8 * SUBGROUP_SIZE]; MOST]);
             let from = (at.0.cast_const(), at.1);
-            // SAFETY: as above.
+            // SAFETY: the machine has the tier.
             let left = unsafe { (access.load)(from, &offsets, active, &mut loaded) };
             assert!(left.is_empty(), "{offsets:x?}");
             for lane in active {
@@ -236,7 +237,7 @@ fn far_accesses_of(access: &AccessKind, memory: &Sparse, random: &mut Random) {
             }
             let mut outside = offsets;
             outside[active.first()] = last.wrapping_add(1);
-            // SAFETY: as above.
+            // SAFETY: the machine has the tier.
             let left = unsafe { (access.store)(at, &outside, active, &mut rows) };
             // One byte is inside up to the last offset.
             let all_inside = last == u32::MAX;
