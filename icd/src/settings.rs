@@ -30,8 +30,8 @@ pub struct Settings {
     pub direct: bool,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
-    /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process
-    /// may use.
+    /// The number of worker threads of a device (`TUFF_THREADS`); by default, the processors that
+    /// the process may use.
     pub threads: Option<usize>,
     /// Which messages are printed (`TUFF_LOG`).
     pub log: LevelFilter,
@@ -318,7 +318,7 @@ pub fn checked() -> Result<&'static Settings, &'static str> {
     settings.as_ref().map_err(String::as_str)
 }
 
-/// The process's settings: no device comes to be with others than [`checked`] ones.
+/// The process's settings. Devices are created only with [`checked`] ones.
 pub fn settings() -> &'static Settings {
     checked().expect("devices are created with valid settings")
 }

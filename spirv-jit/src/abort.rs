@@ -73,7 +73,8 @@ struct AbortState {
 // SAFETY: the pool is written at reserved places, each by one invocation, and as all memory of a
 // device by whatever a shader forges; it is read at a commit.
 unsafe impl Send for Aborts {}
-// SAFETY: as above.
+// SAFETY: the pool is written at reserved places, each by one invocation, and as all memory of a
+// device by whatever a shader forges; it is read at a commit.
 unsafe impl Sync for Aborts {}
 
 impl Aborts {
@@ -137,7 +138,7 @@ impl Aborts {
             state.messages.extend((bytes as u64).to_ne_bytes());
             let units = bytes.div_ceil(UNIT);
             for unit in &pool[1..1 + units] {
-                // SAFETY: as above.
+                // SAFETY: units of the pool; others are written meanwhile, not these.
                 let word = unsafe { unit.get().read_volatile() };
                 state.messages.extend(word.to_ne_bytes());
             }

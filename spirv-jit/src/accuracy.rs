@@ -49,7 +49,7 @@ impl FromStr for Accuracy {
     }
 }
 
-/// The cheaper operation that stands for one of the same name, where there is one.
+/// The cheaper operation that replaces the one of the same name, if there is one.
 pub(crate) fn fast(op: &Op) -> Option<Op> {
     Some(match op {
         Op::FSin => Op::FSinFast,

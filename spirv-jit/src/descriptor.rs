@@ -33,7 +33,7 @@ impl Descriptor {
         sampler: std::ptr::null(),
     };
 
-    /// A texel buffer that no view stands for: the descriptor itself holds all there is to know.
+    /// A texel buffer without a view: the descriptor has all its data.
     pub fn texel_buffer(address: u64, size_bytes: u64, format: Format) -> Self {
         Self {
             address,
@@ -68,5 +68,6 @@ impl Descriptor {
 // SAFETY: a descriptor is plain data; what it points to is kept alive and synchronised by the
 // Vulkan application's own rules.
 unsafe impl Send for Descriptor {}
-// SAFETY: as above.
+// SAFETY: a descriptor is plain data; what it points to is kept alive and synchronised by the
+// Vulkan application's own rules.
 unsafe impl Sync for Descriptor {}

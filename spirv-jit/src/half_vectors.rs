@@ -47,7 +47,8 @@ pub(crate) fn narrow_512(lanes: __m512) -> __m512i {
 #[inline]
 #[target_feature(enable = "avx2,f16c")]
 pub(crate) unsafe fn widen_avx2(from: *const Words) -> [f32; SUBGROUP_SIZE] {
-    // SAFETY: as the caller promises; arrays of sixteen words are two registers long.
+    // SAFETY: the caller guarantees that the lanes are there; the machine has AVX2 and F16C; arrays
+    // of sixteen words are two registers long.
     unsafe {
         let from = from.cast::<__m256i>();
         let wide = widen_256([_mm256_loadu_si256(from), _mm256_loadu_si256(from.add(1))]);
@@ -73,7 +74,8 @@ pub(crate) unsafe fn narrow_avx2(from: &[f32; SUBGROUP_SIZE], to: *mut Words) {
 #[inline]
 #[target_feature(enable = "avx512f")]
 pub(crate) unsafe fn widen_avx512(from: *const Words) -> [f32; SUBGROUP_SIZE] {
-    // SAFETY: as the caller promises; arrays of sixteen words are one register long.
+    // SAFETY: the caller guarantees that the lanes are there; the machine has AVX-512 F; arrays of
+    // sixteen words are one register long.
     unsafe {
         let wide = widen_512(_mm512_loadu_si512(from.cast()));
         std::mem::transmute::<__m512, [f32; SUBGROUP_SIZE]>(wide)

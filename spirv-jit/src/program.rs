@@ -49,8 +49,8 @@ pub fn compile(request: &CompileRequest<'_>) -> Result<Arc<Program>, Error> {
     Program::new(&compile_module(request)?).map(Arc::new)
 }
 
-/// Compiles one entry point as far as [`compile`] does without looking at the machine: what a cache
-/// keeps.
+/// Compiles one entry point by the steps of [`compile`] that do not depend on the machine. Caches
+/// store the result.
 ///
 /// # Errors
 /// As [`compile`].
@@ -71,7 +71,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Arc<Program>, Error> {
     Program::new(&module).map(Arc::new)
 }
 
-/// A compiled shader: what every tier knows of it, and the interpreter's code. Immutable and shared
+/// A compiled shader: the data for all tiers, and the interpreter's code. Immutable and shared
 /// between threads.
 pub struct Program {
     /// Differs from every other program's in the process, and is not 0.
@@ -280,7 +280,7 @@ impl Program {
         self.mesh.as_ref()
     }
 
-    /// Vertex, tessellation evaluation and geometry: what transform feedback captures.
+    /// Vertex, tessellation evaluation and geometry: the outputs for transform feedback.
     #[inline]
     pub fn capture(&self) -> Option<&CaptureFacts> {
         self.capture.as_ref()
@@ -435,7 +435,7 @@ impl Program {
         !self.code.prints().is_empty()
     }
 
-    /// A message of this program as text: the invocation, the place, and what it prints.
+    /// A message of this program as text: the invocation, the place, and the message.
     pub fn printed(&self, record: &Record) -> Option<String> {
         let plan = self.code.prints().get(record.site as usize)?;
         let invocation = self.stage.name_invocation(&record.key[1..]);
@@ -492,9 +492,8 @@ impl Program {
         state[0].0[1] = 0;
     }
 
-    /// Runs a wave of subgroups that stand at one resume point until each has come to an event.
-    /// `fuel` is burnt at loop back-edges and calls, by the length of the code and for the whole
-    /// wave.
+    /// Runs a wave of subgroups, all at one resume point, until each has an event. `fuel` is burnt
+    /// at loop back-edges and calls, by the length of the code and for the whole wave.
     ///
     /// # Safety
     /// Until it returns, each of `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in
@@ -531,7 +530,7 @@ impl Program {
         }
         assert!(point < self.plan.points_end(), "state of another program");
         let program = (self.number, self.shared_size_bytes);
-        // SAFETY: as the caller promises; the states were looked at above.
+        // SAFETY: the caller keeps the contract of this function; the states were looked at above.
         let event = unsafe { self.code.run(&self.plan, program, frame, wave, fuel)? };
         // The interpreter keeps a wave together until its event.
         Ok(Events { all: event, count })

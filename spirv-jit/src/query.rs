@@ -1,8 +1,8 @@
 //! Ray queries at the seam: how a query's object lies in per-lane memory.
 //!
-//! An object is a run of private rows, a word per lane each: the ones of [`row`], then the module's
-//! [`QueryWord`]s: what its getters read, and nothing else. The shader writes the ray and what it
-//! decides about candidates; at `ray_query_proceed` the executor reads them and writes the words.
+//! An object is a run of private rows, a word per lane each: those of [`row`], then the module's
+//! [`QueryWord`]s, the words that its getters read. The shader writes the ray and what it decides
+//! about candidates; at `ray_query_proceed` the executor reads them and writes the words.
 
 use crate::facts::Fact;
 

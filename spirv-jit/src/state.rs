@@ -11,8 +11,8 @@
 //! The scheduler owns the block, fills `inputs`, calls [`Program::start`](crate::Program::start),
 //! then [`Program::run`](crate::Program::run) with one or more subgroups that stand at the same
 //! [`ResumePoint`]. At a yield it reads operands from the `io` rows and writes results over them;
-//! at the end it reads outputs there. Nothing else in the block is its business, and no other crate
-//! knows which tier ran.
+//! at the end it reads outputs there. It uses no other rows of the block, and other crates do not
+//! depend on the tier.
 
 use lanes::AlignedRow;
 
@@ -63,8 +63,8 @@ pub enum SiteKind {
     /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3:
     /// its record index.
     ReorderThread,
-    /// Workgroup barrier. No event where the wave is whole ([`Wave::is_whole`]) and all its
-    /// subgroups come to it.
+    /// Workgroup barrier. Not an event if the wave is whole ([`Wave::is_whole`]) and all its
+    /// subgroups arrive at it.
     Barrier,
     /// The first half of a split barrier: the subgroup has come, and goes on. No event where the
     /// wave is whole, as above.
@@ -100,9 +100,9 @@ pub struct Wave<'a> {
     /// Compute: the first byte of each subgroup's workgroup memory; subgroups of one workgroup have
     /// the same. Empty for programs without workgroup memory.
     pub shared: &'a [*mut u8],
-    /// Compute: of each workgroup with a subgroup in the wave, all subgroups that have not ended
-    /// are in it, and have come to split barriers equally often. Barriers that all of them come to
-    /// are no events then: the wave goes on in place.
+    /// Compute: for each workgroup with a subgroup in the wave, all live subgroups are in the wave,
+    /// and have arrived at split barriers equally often. Barriers that all of them come to are no
+    /// events then: the wave goes on in place.
     pub is_whole: bool,
     /// Rows that take the outputs of each subgroup's lanes, as many as the program has outputs,
     /// instead of its `io` rows; subgroups with different lanes may share rows. Null: its `io`

@@ -345,7 +345,7 @@ impl Views {
 // SAFETY: contents are plain data, written under the lock while no key finds them; accesses to the
 // memory that they name are synchronised by the Vulkan application.
 unsafe impl Send for Views {}
-// SAFETY: as above.
+// SAFETY: contents are written under the lock, and only while no key finds them.
 unsafe impl Sync for Views {}
 
 impl Default for Views {

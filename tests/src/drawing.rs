@@ -240,7 +240,7 @@ impl Gpu {
 
     /// Binds a buffer of indices.
     pub fn bind_indices(&self, commands: vk::CommandBuffer, indices: &Buffer, ty: vk::IndexType) {
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded; buffers live as long as the device.
         unsafe { (self.device).cmd_bind_index_buffer(commands, indices.handle, 0, ty) };
     }
 

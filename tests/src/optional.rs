@@ -33,8 +33,8 @@ macro_rules! optional {
                 let mut it = Optional::default();
                 $(if has($extension) {
                     let mut all = vk::PhysicalDeviceFeatures2::default().push_next(&mut it.$field);
-                    // SAFETY: the caller's promise; the chain is one structure of an extension that
-                    // is there.
+                    // SAFETY: the caller guarantees that the physical device is of the instance;
+                    // the chain is one structure of an extension that is there.
                     unsafe { instance.get_physical_device_features2(physical, &mut all) };
                     it.$field.p_next = std::ptr::null_mut();
                     $(it.$field.$off = vk::FALSE;)*

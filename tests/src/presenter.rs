@@ -457,7 +457,7 @@ impl Presenter {
         let stage = vk::PipelineStageFlags::TRANSFER;
         let none = vk::DependencyFlags::empty();
         let written = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the handles are alive.
         unsafe {
             device.begin_command_buffer(commands, &vk::CommandBufferBeginInfo::default())?;
             let before = barrier(vk::ImageLayout::UNDEFINED, written);

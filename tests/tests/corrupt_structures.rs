@@ -364,7 +364,7 @@ fn deserialized(gpu: &Gpu, from: &Buffer, size_bytes: u64, level: Level) -> Stru
         .src(from.at())
         .dst(structure.handle)
         .mode(vk::CopyAccelerationStructureModeKHR::DESERIALIZE);
-    // SAFETY: as above.
+    // SAFETY: the buffer is as large as its size, or the driver bears that it is not.
     gpu.run(|commands| unsafe {
         gpu.acceleration
             .cmd_copy_memory_to_acceleration_structure(commands, &info);

@@ -480,12 +480,12 @@ fn indirect_draws_read_their_parameters() {
     // SAFETY: the command buffer is being recorded.
     let three = columns(&|it| unsafe { device.cmd_draw_indirect(it, draws, 0, 3, 20) });
     assert_eq!(three, [1, 0, 1, 1]);
-    // SAFETY: as above.
+    // SAFETY: the command buffer is being recorded.
     let second = columns(&|it| unsafe { device.cmd_draw_indirect(it, draws, 20, 1, 20) });
     assert_eq!(second, [0, 0, 1, 0]);
     if gpu.features12.draw_indirect_count == vk::TRUE {
         let (draw, count) = (device.fp_v1_2().cmd_draw_indirect_count, count.handle);
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded.
         let two = columns(&|it| unsafe { draw(it, draws, 0, count, 4, 3, 20) });
         assert_eq!(two, [1, 0, 1, 0]);
     }

@@ -214,7 +214,7 @@ fn open(kind: vk::ExternalSemaphoreHandleTypeFlags) -> Option<Gpu> {
         });
         let mut found = vk::ExternalSemaphoreProperties::default();
         let asked = vk::PhysicalDeviceExternalSemaphoreInfo::default().handle_type(kind);
-        // SAFETY: as above.
+        // SAFETY: the physical device is of the instance.
         unsafe {
             (gpu.instance).get_physical_device_external_semaphore_properties(
                 gpu.physical,

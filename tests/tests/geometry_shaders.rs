@@ -453,7 +453,7 @@ fn queries_count_invocations_and_primitives() {
             gpu.bind(commands, pipeline);
             gpu.draw_vertices(commands, 7);
         });
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded.
         unsafe { gpu.device.cmd_end_query(commands, pool, 0) };
     });
     let [found] = gpu.query_results::<[u64; 5], 1>(pool, 0);

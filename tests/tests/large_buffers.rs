@@ -196,7 +196,7 @@ fn commands_reach_every_byte_of_a_large_buffer() {
     assert_eq!(buffer.read_at::<u32>(4 * GIB - 16, 3), [7; 3]);
     gpu.run(|commands| {
         let region = region(4 * GIB - 32, 3 * GIB + 64);
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded, and the ranges lie in their buffers.
         unsafe {
             gpu.device
                 .cmd_copy_buffer(commands, buffer.handle, buffer.handle, &region);
@@ -221,7 +221,7 @@ fn commands_reach_every_byte_of_a_large_buffer() {
     let kernel = gpu.kernel(count, &[set.layout]);
     gpu.run(|commands| {
         gpu.bind_kernel(commands, kernel, &[set], &[]);
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded, and the ranges lie in their buffers.
         unsafe {
             gpu.device
                 .cmd_dispatch_indirect(commands, buffer.handle, at);

@@ -471,7 +471,7 @@ fn queries_count_invocations_and_primitives() {
             draw(&gpu, commands, [2, 1, 2]);
         });
         for pool in pools {
-            // SAFETY: as above.
+            // SAFETY: the command buffer is being recorded.
             unsafe { gpu.device.cmd_end_query(commands, pool, 0) };
         }
     });

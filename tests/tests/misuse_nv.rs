@@ -317,7 +317,7 @@ fn deferred_pipelines_trace_nothing_before_they_are_compiled() {
     assert_eq!(compile(1), Ok(()));
     assert_eq!(trace.run(1), 2);
     let plain = Trace::new(&gpu);
-    // SAFETY: as above.
+    // SAFETY: the driver promises to survive what is wrong here.
     let again = unsafe { gpu.nv().compile_deferred(plain.rays.pipeline, 0) };
     assert_eq!(again, Err(vk::Result::ERROR_UNKNOWN));
 }

@@ -90,7 +90,7 @@ macro_rules! allocator {
         extern "C" fn $name($($argument: $ty),*) -> *mut c_void {
             match is_refused($size) {
                 true => std::ptr::null_mut(),
-                // SAFETY: the caller's promise to the C library.
+                // SAFETY: the caller keeps the C library's contract.
                 false => unsafe { $call },
             }
         }
@@ -109,13 +109,13 @@ allocator! {
 extern "C" fn posix_memalign(to: *mut *mut c_void, alignment: usize, size: usize) -> c_int {
     let block = match is_refused(size) {
         true => std::ptr::null_mut(),
-        // SAFETY: the caller's promise to the C library.
+        // SAFETY: the caller keeps the C library's contract.
         false => unsafe { __libc_memalign(alignment, size) },
     };
     if block.is_null() {
         return libc::ENOMEM;
     }
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the C library's contract.
     unsafe { to.write(block) };
     0
 }

@@ -376,7 +376,7 @@ fn executables_show_their_statistics_and_ir() {
         assert!(!name.is_empty());
         assert_ne!(executable.subgroup_size, 0);
         let info = info.executable_index(index);
-        // SAFETY: as above.
+        // SAFETY: the pipeline is alive, and was created with the flags.
         let statistics = unsafe { api.get_pipeline_executable_statistics(&info) };
         for statistic in statistics.expect("statistics") {
             assert!(!statistic.name_as_c_str().expect("a name").is_empty());
@@ -390,7 +390,7 @@ fn executables_show_their_statistics_and_ir() {
             panic!("one program, one executable");
         };
         assert_eq!(executable.stages, vk::ShaderStageFlags::COMPUTE);
-        // SAFETY: as above.
+        // SAFETY: the pipeline is alive, and was created with the flags.
         let statistics = unsafe { api.get_pipeline_executable_statistics(&info) };
         let statistics = statistics.expect("statistics");
         let operations = (statistics.iter())

@@ -100,7 +100,7 @@ fn a_buffer_is_bound_in_pieces() {
     );
     bind_buffer(&gpu, sparse, &[piece(0, needs.alignment, other, 0)]);
     gpu.run(|commands| {
-        // SAFETY: as above.
+        // SAFETY: the buffers are bound and live as long as the device.
         unsafe {
             gpu.device
                 .cmd_fill_buffer(commands, sparse, 0, needs.alignment, 0xabcd);
@@ -116,7 +116,7 @@ fn a_buffer_is_bound_in_pieces() {
     // And the first memory again, which kept what it had.
     bind_buffer(&gpu, sparse, &[piece(0, needs.alignment, first, 0)]);
     gpu.run(|commands| {
-        // SAFETY: as above.
+        // SAFETY: the buffers are bound and live as long as the device.
         unsafe {
             gpu.device
                 .cmd_copy_buffer(commands, sparse, output.handle, &copy);

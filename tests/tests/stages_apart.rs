@@ -537,7 +537,7 @@ fn shader_objects_write_to_the_locations_of_the_pass() {
     gpu.run(|commands| {
         gpu.record_pass(commands, &pass, |commands| {
             bind_shaders(&gpu, commands, shaders, &canvases[0], 2);
-            // SAFETY: as above.
+            // SAFETY: the command buffer is being recorded.
             unsafe { locations.cmd_set_rendering_attachment_locations(commands, &swapped) };
             gpu.draw_vertices(commands, 3);
         });
@@ -785,7 +785,7 @@ fn draws_wait_for_a_condition() {
             // SAFETY: the command buffer is being recorded.
             unsafe { (conditions.fp().cmd_begin_conditional_rendering_ext)(commands, &begin) };
             draw(&gpu, commands, painting.layout);
-            // SAFETY: as above.
+            // SAFETY: the command buffer is being recorded.
             unsafe { (conditions.fp().cmd_end_conditional_rendering_ext)(commands) };
         });
         assert_eq!(

@@ -503,7 +503,7 @@ fn queries_count_patches_and_vertices() {
             gpu.bind(commands, pipeline);
             gpu.draw_vertices(commands, 7);
         });
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded.
         unsafe { gpu.device.cmd_end_query(commands, pool, 0) };
     });
     let [[clipped, patches, evaluated]] = gpu.query_results::<[u64; 3], 1>(pool, 0);

@@ -93,7 +93,7 @@ impl Capturing {
             );
         }
         record();
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded.
         unsafe {
             (self.commands.fp().cmd_end_transform_feedback_ext)(
                 commands,
@@ -303,13 +303,13 @@ fn a_full_buffer_takes_whole_primitives_alone() {
                 it.use_pipeline(commands, pipeline);
                 // Room for seven triangles and two vertices.
                 it.bind(commands, 0, &[(&buffer, 8, 4 * 23)]);
-                // SAFETY: as above.
+                // SAFETY: the command buffer is being recorded.
                 unsafe {
                     let flags = vk::QueryControlFlags::empty();
                     (it.commands.fp().cmd_begin_query_indexed_ext)(commands, pool, 0, flags, 0);
                 }
                 it.capture(commands, &[(&counter, 4)], || it.draw(commands, 30, 1));
-                // SAFETY: as above.
+                // SAFETY: the command buffer is being recorded.
                 unsafe { (it.commands.fp().cmd_end_query_indexed_ext)(commands, pool, 0, 0) };
             });
     });
@@ -412,14 +412,14 @@ fn streams_go_to_their_own_buffers() {
                 it.bind(commands, 0, &[(&one, 0, 32), (&two, 0, 80)]);
                 if counts {
                     let flags = vk::QueryControlFlags::empty();
-                    // SAFETY: as above.
+                    // SAFETY: the command buffer is being recorded.
                     unsafe {
                         (it.commands.fp().cmd_begin_query_indexed_ext)(commands, pool, 0, flags, 1)
                     };
                 }
                 it.capture(commands, &[], || it.draw(commands, 4, 1));
                 if counts {
-                    // SAFETY: as above.
+                    // SAFETY: the command buffer is being recorded.
                     unsafe { (it.commands.fp().cmd_end_query_indexed_ext)(commands, pool, 0, 1) };
                 }
             });

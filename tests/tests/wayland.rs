@@ -96,7 +96,7 @@ fn fifo_waits_for_the_compositor_and_goes_on_when_hidden() {
             .frame(swapchain, chain.extent, &pixels, id)
             .unwrap();
     }
-    // SAFETY: as above.
+    // SAFETY: the swapchain is alive, and the id has been presented.
     unsafe { waits.wait_for_present(swapchain, 34, PATIENCE_NS).unwrap() };
     assert!(start.elapsed() < PATIENCE);
     presenter.destroy(swapchain);

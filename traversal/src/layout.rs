@@ -11,9 +11,8 @@
 //!                     bytes for each primitive of all geometries, then micromaps of its own
 //! ```
 //!
-//! Each part starts at a multiple of 256 bytes. Nothing in a top level depends on what its bottom
-//! levels hold except the boxes, so the reference table alone has to be rewritten when a top level
-//! moves to another process.
+//! Each part starts at a multiple of 256 bytes. Only the boxes of a top level depend on the
+//! contents of its bottom levels, so a move to another process rewrites only the reference table.
 
 mod block;
 mod bounds;
@@ -229,8 +228,7 @@ impl TriangleGroup {
         }
     }
 
-    /// The box around all triangles. What is not a number counts as 0, what is infinite as the
-    /// largest number.
+    /// The box around all triangles. NaN counts as 0, and an infinity as the largest finite number.
     pub fn bounds(&self) -> Bounds {
         let mut bounds = Bounds::EMPTY;
         for axis in 0..3 {

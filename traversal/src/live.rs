@@ -129,7 +129,7 @@ mod tests {
             assert_eq!(live.bytes_from(address), bytes, "{address:#x}");
             assert!(live.contains(address, bytes) && !live.contains(address, bytes + 1));
         }
-        // SAFETY: as above.
+        // SAFETY: nothing is read.
         let none = unsafe { Live::new([]) };
         assert_eq!(none.bytes_from(0), 0);
         assert!(EVERYWHERE.contains(0x7FFF_0000_0000, 64));

@@ -15,7 +15,8 @@ pub struct Memory {
 // meanwhile.
 unsafe impl Send for Memory {}
 
-// SAFETY: as above.
+// SAFETY: `Memory` is only read, inside functions whose contract says that nothing writes it
+// meanwhile.
 unsafe impl Sync for Memory {}
 
 impl Memory {

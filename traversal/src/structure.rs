@@ -24,9 +24,10 @@ pub use validate::validate;
 /// A structure at an address, to be read.
 ///
 /// It is made from one copy of the header, which was checked: all parts lie inside the size that it
-/// stated, and that inside memory that is there. The header in memory is not read again. What lies
-/// in the parts may be anything, and may change at any time: words of nodes, counts and references
-/// are read once, held against this copy, and used then. Coordinates are only ever coordinates.
+/// stated, and that inside memory that is there. The header in memory is not read again. The
+/// contents of parts may be invalid, and may change at any time: each word of a node, count or
+/// reference is read once, checked against this copy, and then used. Coordinates are only ever
+/// coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct Structure {
     base: *const u8,
@@ -49,7 +50,7 @@ pub struct Structure {
 
 // SAFETY: a view of memory that stays there while it is in use (the contract of `at`).
 unsafe impl Send for Structure {}
-// SAFETY: as above.
+// SAFETY: a view of memory that stays there while it is in use (the contract of `at`).
 unsafe impl Sync for Structure {}
 
 impl Structure {
@@ -397,7 +398,7 @@ impl Structure {
     /// The data of an instance's record besides its transform.
     #[inline(always)]
     pub(crate) fn instance_words(&self, index: u32) -> Option<InstanceWords> {
-        // SAFETY: as above.
+        // SAFETY: inside the part; parts are aligned to 256 bytes.
         (self.instance_at(index))
             .map(|record| unsafe { (&raw const (*record).words).read_volatile() })
     }

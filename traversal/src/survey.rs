@@ -89,7 +89,8 @@ impl Survey {
         // SAFETY: the caller keeps the promises of `Walk::new`, and guarantees that `live` is where
         // the structures may lie.
         unsafe { walker.set_live(live) };
-        // SAFETY: likewise.
+        // SAFETY: the caller keeps the promises of `Walk::new`, and guarantees that `live` is where
+        // the structures may lie.
         let Some(top) = (unsafe { Structure::at(top_level, live) }) else {
             return survey;
         };

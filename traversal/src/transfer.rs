@@ -410,7 +410,7 @@ fn check_deserialized(
         .ok_or(StructureError::Corrupt)
 }
 
-/// The addresses of the only block of serialized data, if it has one, and what comes after it.
+/// The addresses of the only block of serialized data, if it has one, and the data after it.
 fn read_block(blocks: u64, data: &[u8]) -> Result<(&[[u8; 8]], &[u8]), StructureError> {
     if blocks == 0 {
         return Ok((&[], data));

@@ -207,7 +207,7 @@ fn moved_rays_go_on_where_they_stood() {
             }
             groups.starts[1].lanes = LaneMask::NONE;
             groups.rounds = 0;
-            // SAFETY: the structures are alive, here and below.
+            // SAFETY: the structures are alive.
             unsafe { groups.trace(&mut walker, 1) };
             let (first, second) = groups.flights.split_at_mut(1);
             let mut places: Vec<usize> = (0..PACKET).collect();
@@ -236,7 +236,7 @@ fn moved_rays_go_on_where_they_stood() {
                 if waiting.is_empty() {
                     break;
                 }
-                // SAFETY: as above.
+                // SAFETY: the structures are alive.
                 let resumed = unsafe { walker.resume(&waiting, &mut groups) };
                 assert!(resumed.is_ok());
             }

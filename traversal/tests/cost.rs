@@ -130,7 +130,7 @@ fn costs_are_the_same_on_every_machine() {
         let hits: Vec<_> = rays.iter().map(|ray| closest(top, ray)).collect();
         let of = |options| {
             let mut walker = Walker::with(options)?;
-            // SAFETY: the scene is alive, here and below.
+            // SAFETY: the scene is alive.
             let mut costs = unsafe { RayCosts::new(&mut walker, &EVERYWHERE) };
             let cost = |(ray, hit): (&Ray, &Option<Hit>)| unsafe {
                 costs.of(top.address(), ray, 0.0, hit.as_ref())

@@ -268,7 +268,7 @@ fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) 
     // SAFETY: the structures are alive.
     let mut alone = [0; PACKET].map(|_| unsafe { Walk::new(0, &Ray::default()) });
     for (walk, (ray, which)) in alone.iter_mut().zip(rays) {
-        // SAFETY: as above.
+        // SAFETY: the structures are alive.
         unsafe { walk.restart(tops[*which].address(), ray) };
     }
     let mut other = Walker::new();
@@ -294,7 +294,7 @@ fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) 
     };
     let groups = Groups::of_rows(vec![(rows, lanes)], decide);
     let mut groups = groups.with(|start| start.shows_order = true);
-    // SAFETY: as above.
+    // SAFETY: the structures are alive.
     unsafe { groups.trace(walker, 1) };
     let found = groups.found(rays.len());
     drop(groups);

@@ -259,7 +259,7 @@ fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, (at_once, in_turn): (u
     unsafe { groups.trace(walker, at_once) };
     let (top, hits) = (rows.top_level[0], &groups.flights[0].hits);
     for lane in hits.found {
-        // SAFETY: as above.
+        // SAFETY: the arena is alive, and where walks look.
         if let Some(structure) = unsafe { Structure::at(top, live) } {
             let mut hit = hits.hit(lane);
             structure.triangle_vertices_at(&hit, 0.5, live);
@@ -277,7 +277,7 @@ fn transfer(arena: &Arena, live: &Live, place: &std::ops::Range<usize>, room: &m
     let _ = copy_into(blob, room);
     let _ = validate(room);
     let mut data = Bytes::new(1 << 20);
-    // SAFETY: as above.
+    // SAFETY: the arena is alive.
     if unsafe { serialize(blob, &[[7; 16]; 2], false, &mut data, live) }.is_ok() {
         let _ = deserialize(&data, room, live);
     }

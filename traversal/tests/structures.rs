@@ -194,7 +194,7 @@ fn updates_find_what_a_new_build_finds() {
     unsafe { update(&input, Some(&old), &mut copy, &mut []) }.unwrap();
     validate(&copy).unwrap();
     let mut place = old;
-    // SAFETY: as above.
+    // SAFETY: the meshes are alive.
     unsafe { update(&input, None, &mut place, &mut []) }.unwrap();
     assert_eq!(copy[..], place[..copy.len()]);
     let top = build_instances(&[InstanceRecord::new(&copy, IDENTITY)], flags);
@@ -203,11 +203,11 @@ fn updates_find_what_a_new_build_finds() {
     // Another shape is no source.
     let other = build_meshes(&[sphere(3, 1.0, true)], flags);
     let mut blob = Bytes::new(copy.len() as u64);
-    // SAFETY: as above.
+    // SAFETY: the meshes are alive.
     let result = unsafe { update(&input, Some(&other), &mut blob, &mut []) };
     assert_eq!(result, Err(BuildError::Source));
     let fixed = build_meshes(std::slice::from_ref(&before), 0);
-    // SAFETY: as above.
+    // SAFETY: the meshes are alive.
     let result = unsafe { update(&input, Some(&fixed), &mut blob, &mut []) };
     assert_eq!(result, Err(BuildError::Source));
 }
@@ -393,7 +393,7 @@ fn copies_and_serialized_structures_walk_the_same() {
         // SAFETY: there are no micromaps.
         let size = unsafe { serialized_size(blob, &EVERYWHERE) }.unwrap();
         let mut data = vec![0; size as usize];
-        // SAFETY: as above.
+        // SAFETY: there are no micromaps.
         let done = unsafe { serialize(blob, &uuids, in_blocks, &mut data, &EVERYWHERE) };
         assert_eq!(done, Ok(size));
         data
@@ -433,7 +433,7 @@ fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
     let bottom = build_meshes(&[sphere(3, 1.0, false)], 0);
     // SAFETY: there are no micromaps.
     let mut data = vec![0; unsafe { serialized_size(&bottom, &EVERYWHERE) }.unwrap() as usize];
-    // SAFETY: as above.
+    // SAFETY: there are no micromaps.
     unsafe { serialize(&bottom, &[[0; 16]; 2], false, &mut data, &EVERYWHERE) }.unwrap();
     let size = compacted_size(&bottom).unwrap();
     let mut random = Random(99);

@@ -77,7 +77,8 @@ impl<'a> ProgramSource<'a> {
         };
         let stored = match *binaries {
             [] => None,
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the chain is valid, and its handles are alive for
+            // `'a`.
             [binary] => Some(unsafe { &from_handle::<'a, PipelineBinary>(binary).modules[..] }),
             _ => return Err(vk::Result::ERROR_UNKNOWN),
         };
@@ -125,7 +126,7 @@ pub unsafe fn captured_libraries<'a>(
     // SAFETY: the caller guarantees that the info is valid, and its libraries are alive for `'a`.
     let libraries =
         unsafe { info.map_or(&[][..], |it| slice(it.p_libraries, it.library_count)) }.to_vec();
-    // SAFETY: as above.
+    // SAFETY: the caller guarantees that the info is valid, and its libraries are alive for `'a`.
     (libraries.into_iter()).map(|library| unsafe { &from_handle::<'a, Pipeline>(library).captured })
 }
 

@@ -916,7 +916,7 @@ pub struct StridedDeviceAddressRangeKHR {
     pub stride: DeviceSize,
 }
 
-/// `VkAddressCommandFlagsKHR`: what kind of memory a range is in, of which there is one.
+/// `VkAddressCommandFlagsKHR`: the range's memory type; there is only one.
 pub type AddressCommandFlagsKHR = u32;
 
 macro_rules! functions {

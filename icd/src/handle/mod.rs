@@ -1,8 +1,8 @@
 //! Handles: pointers to reference-counted objects that begin with the loader's word and a type tag.
 //!
 //! A handle owns one count of an [`Arc`]; objects that outlive their handle (a pipeline layout
-//! inside a pipeline) are held by further counts. A number is followed only into pages that hold
-//! objects, and trusted where it finds the tag: what was never a handle is no fault.
+//! inside a pipeline) are held by further counts. A handle is dereferenced only inside pages of
+//! objects, and accepted only with the tag, so an invalid number causes no fault.
 
 mod pages;
 
@@ -26,7 +26,7 @@ pub struct Object<T> {
 
 // SAFETY: `loader_word` is the loader's alone; nothing here reads it after creation.
 unsafe impl<T: Send> Send for Object<T> {}
-// SAFETY: as above.
+// SAFETY: `loader_word` is the loader's alone; nothing here reads it after creation.
 unsafe impl<T: Sync> Sync for Object<T> {}
 
 impl<T> Drop for Object<T> {
@@ -115,7 +115,7 @@ pub unsafe fn from_handle<'a, T: Handled>(handle: T::Handle) -> &'a Object<T> {
 /// # Safety
 /// As [`from_handle`].
 pub unsafe fn optional<'a, T: Handled>(handle: T::Handle) -> Option<&'a Object<T>> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive and stays so for `'a`.
     (!handle.is_null()).then(|| unsafe { from_handle(handle) })
 }
 
@@ -140,7 +140,8 @@ pub unsafe fn take<T: Handled>(handle: T::Handle) -> Option<Ref<T>> {
     if handle.is_null() {
         return None;
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the handle is alive, and the application does not use it
+    // again.
     Some(unsafe { Arc::from_raw(pointer::<T>(handle)) })
 }
 

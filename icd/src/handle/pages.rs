@@ -20,7 +20,7 @@ type Span = [AtomicU8; 1 << (SPAN_BITS - PAGE_BITS)];
 static SPANS: [AtomicPtr<Span>; 1 << (ADDRESS_BITS - SPAN_BITS)] =
     [const { AtomicPtr::new(std::ptr::null_mut()) }; 1 << (ADDRESS_BITS - SPAN_BITS)];
 
-/// Stands for a span for which there was no memory: all of its pages may hold objects.
+/// A placeholder for a span that could not be allocated: all of its pages may hold objects.
 fn uncounted() -> *mut Span {
     NonNull::dangling().as_ptr()
 }

@@ -96,7 +96,8 @@ impl SparseBind {
                     return Err("a sparse binding to memory that cannot be bound");
                 }
                 live.bind(address, self.size_bytes);
-                // SAFETY: as above.
+                // SAFETY: the range is part of this resource's reservation, whose contents are
+                // undefined during the bind.
                 unsafe { memory.alias(*offset, self.size_bytes, address) }
             }
         };

@@ -26,7 +26,7 @@ fn used_addresses_are_not_reserved_again() {
     // SAFETY: the test's own mapping, which nothing else uses.
     unsafe { release(address, 4 * SIZE) };
     assert_eq!(reserve_at(address, 4 * SIZE), Some(address));
-    // SAFETY: as above.
+    // SAFETY: the test's own mapping, which nothing else uses.
     unsafe { release(address, 4 * SIZE) };
 }
 
@@ -81,7 +81,7 @@ fn a_part_shows_at_several_addresses() {
             assert!(replace_by_zeros(places, 2 * SIZE));
         }
     }
-    // SAFETY: as above.
+    // SAFETY: the test's own reservation, which nothing else uses.
     unsafe { release(places, 4 * SIZE) };
 }
 
@@ -139,7 +139,7 @@ fn accesses_to_a_range_that_is_replaced_meet_old_pages_or_new_ones() {
         }
         is_over.store(true, Ordering::Relaxed);
     });
-    // SAFETY: as above.
+    // SAFETY: the test's own reservation; the thread bears it.
     unsafe { release(places, 2 * SIZE) };
 }
 

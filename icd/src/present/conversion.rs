@@ -175,12 +175,14 @@ fn opaque<L: Words>(is_opaque: bool) -> u32 {
 /// # Safety
 /// As for [`convert`].
 unsafe fn words<T: Words, L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mut [u8]) {
+    /// # Safety
+    /// As for [`words`].
     #[inline(always)]
     unsafe fn body<T: Words, L: Words>(texels: Texels, alpha: u32, row: &mut [u8]) {
         let texel = texels.data.cast::<T::Word>();
         for (x, pixel) in row.chunks_exact_mut(size_of::<L::Word>()).enumerate() {
-            // SAFETY: there are as many texels as pixels (`convert`), aligned (the caller's
-            // promise).
+            // SAFETY: there are as many texels as pixels (`convert`), and the caller guarantees
+            // that they are aligned.
             let word: u32 = unsafe { texel.add(x).read() }.into();
             let mut packed = alpha;
             for c in 0..4 {
@@ -190,10 +192,12 @@ unsafe fn words<T: Words, L: Words>(tier: Tier, texels: Texels, is_opaque: bool,
             pixel.copy_from_slice(&packed.to_le_bytes()[..size_of::<L::Word>()]);
         }
     }
+    /// # Safety
+    /// As for [`words`]; the machine has AVX2.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     unsafe fn avx2<T: Words, L: Words>(texels: Texels, alpha: u32, row: &mut [u8]) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the texels are readable and aligned to their size.
         unsafe { body::<T, L>(texels, alpha, row) }
     }
     let alpha = opaque::<L>(is_opaque);
@@ -215,7 +219,8 @@ unsafe fn floats<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mu
     #[cfg(target_arch = "x86_64")]
     let done =
         match matches!(tier, Tier::Avx2 | Tier::Avx512) && !texels.is_linear && L::BITS == [8; 4] {
-            // SAFETY: the tier has these instructions; and the caller's promise.
+            // SAFETY: the tier has these instructions; the caller keeps the contract of `convert`,
+            // of 16-bit floats.
             true => unsafe { eight_bits(texels, L::SHIFTS[0] != 0, alpha, row) },
             false => 0,
         };

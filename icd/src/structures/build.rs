@@ -51,7 +51,8 @@ impl Build {
     /// call.
     pub unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         let started = capture::start_build();
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that each address is readable or writable as the command's
+        // valid usage requires, and nothing else writes it during the call.
         let built = unsafe { self.perform(reach, live) };
         capture::note_build(
             self.destination.address,

@@ -67,7 +67,10 @@ unsafe fn fill_words(to: *mut u8, words: usize, word: u64) -> usize {
     words * 8
 }
 
-/// Any address is valid, since nothing is written.
+/// Writes nothing.
+///
+/// # Safety
+/// Any address is valid.
 #[cfg(not(target_arch = "x86_64"))]
 unsafe fn fill_words(_to: *mut u8, _words: usize, _word: u64) -> usize {
     0

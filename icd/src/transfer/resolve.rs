@@ -137,7 +137,7 @@ fn resolve_slice(
                 let mut texel = [0; MAX_TEXEL_BYTES];
                 to.format.encode(value, &mut texel);
                 let address = to.texel(destination.x + column, to_y, destination.slice, 0);
-                // SAFETY: as above.
+                // SAFETY: the texel is inside the image.
                 unsafe {
                     std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes)
                 };

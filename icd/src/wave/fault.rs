@@ -82,7 +82,7 @@ pub struct StoppedAt {
     pub depth: u32,
 }
 
-/// An address that a shader followed to nowhere: it read zeros there, or wrote nothing.
+/// An invalid address that a shader used: its reads gave zeros, and its writes had no effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WildAddress {
     /// The program's number, and the access in it.
@@ -171,8 +171,8 @@ impl Fault {
 }
 
 /// How many of its reports a device has returned: `vkGetDeviceFaultReportsKHR` returns each once,
-/// to one of the threads that ask. A child process has reports of its own, whatever its parent has
-/// returned.
+/// to one of the threads that ask. A child process has separate reports, independent of those that
+/// its parent has returned.
 #[derive(Debug, Default)]
 pub struct Returned(AtomicU64);
 

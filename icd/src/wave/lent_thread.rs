@@ -3,9 +3,8 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
-/// Runs `work` on the calling thread, which is a rayon pool of its own meanwhile: what `work`
-/// shares out, the same thread does. Without a pool around it, rayon would start one for the whole
-/// process.
+/// Runs `work` on the calling thread as a rayon pool of one thread, which also runs all tasks that
+/// `work` spawns. Without a pool around it, rayon would start one for the whole process.
 pub(super) fn run_on_this_thread<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     if rayon::current_thread_index().is_some() {
         // The thread is in a pool already.

@@ -20,7 +20,8 @@ pub unsafe fn writable<'a>(reach: &Reach, address: u64, size_bytes: u64) -> &'a 
     if size_bytes == 0 || !reach.contains(address, size_bytes) {
         return &mut [];
     }
-    // SAFETY: there is memory, and the caller's promise.
+    // SAFETY: there is memory, and the caller guarantees that the range is used by nothing else for
+    // `'a`.
     unsafe { std::slice::from_raw_parts_mut(address as *mut u8, size_bytes as usize) }
 }
 
@@ -32,17 +33,17 @@ pub unsafe fn bytes<'a>(reach: &Reach, address: u64, size_bytes: u64) -> &'a [u8
     if size_bytes == 0 || !reach.contains(address, size_bytes) {
         return &[];
     }
-    // SAFETY: there is memory, and the caller's promise.
+    // SAFETY: there is memory, and the caller guarantees that nothing writes the range for `'a`.
     unsafe { std::slice::from_raw_parts(address as *const u8, size_bytes as usize) }
 }
 
-/// The memory around an address, for what lies there to be found in.
+/// The reachable memory around an address, for a search in it.
 ///
 /// # Safety
 /// Reachable memory stays reachable during the look-up.
 pub unsafe fn around(reach: &Reach, address: u64) -> Live {
     let range = reach.find(address);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that reachable memory stays reachable during the look-up.
     unsafe { Live::new(range.map(|range| (range.start, range.size_bytes))) }
 }
 
@@ -51,7 +52,8 @@ pub unsafe fn around(reach: &Reach, address: u64) -> Live {
 /// # Safety
 /// Any bytes will do for `T`, and nothing writes them meanwhile.
 pub unsafe fn read<T: Copy>(reach: &Reach, address: u64) -> Option<T> {
-    // SAFETY: there is memory, and the caller's promise.
+    // SAFETY: there is memory, and the caller guarantees that any bytes are a valid `T`, and
+    // nothing writes them meanwhile.
     reach
         .contains(address, size_of::<T>() as u64)
         .then(|| unsafe { std::ptr::read_unaligned(address as *const T) })

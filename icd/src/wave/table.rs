@@ -122,7 +122,7 @@ impl Tables {
     /// # Safety
     /// As [`Live::new`].
     pub unsafe fn live(&self, reach: &Reach) -> Tables<Live> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Live::new`.
         let live = |region| unsafe { Live::new(region, reach) };
         Tables {
             raygen: live(self.raygen),

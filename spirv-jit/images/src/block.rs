@@ -29,7 +29,7 @@ pub(super) unsafe fn execute_plain(
         residency,
         ..Operands::new(op, rows)
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         match op.kind {
             // The base level is outside of the view ("Integer Texel Coordinate Operations").

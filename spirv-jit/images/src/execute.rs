@@ -29,7 +29,7 @@ pub unsafe fn execute_block(
     operands: &[&Row],
     results: &mut [Row],
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the image's memory stays allocated during the call.
     unsafe { execute_resident(op, image, sampler, mask, operands, None, results) };
 }
 
@@ -52,13 +52,13 @@ pub unsafe fn execute_resident(
         && let Some((image, _)) = usable(image)
         && let (Some(conversion), Some(sampler)) = (&image.conversion, sampler)
     {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         return unsafe {
             ycbcr::sample(
                 op, image, conversion, sampler, mask, operands, residency, results,
             )
         };
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { execute_plain(op, image, sampler, mask, operands, residency, results) };
 }

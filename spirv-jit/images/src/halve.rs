@@ -32,7 +32,8 @@ impl Halving {
     /// # Safety
     /// All of them are in memory; `to` is apart from the rows.
     pub unsafe fn row(self, rows: [*const u8; 2], to: *mut u8, count: usize) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that all texels are in memory, and `to` is apart from the
+        // rows.
         unsafe {
             match self.is_srgb {
                 false => row(mean, rows, to, count),
@@ -53,7 +54,7 @@ unsafe fn row(
 ) {
     let rows = rows.map(|row| row.cast::<[[u32; 2]; BLOCK]>());
     let to = to.cast::<[u32; BLOCK]>();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that all texels are in memory, and `to` is apart from the rows.
     unsafe {
         for block in 0..count / BLOCK {
             let [upper, lower] = rows.map(|row| row.add(block).read_unaligned());

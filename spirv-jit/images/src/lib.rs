@@ -71,8 +71,7 @@ impl Level {
     };
 }
 
-/// An image view, resolved: what an access needs and nothing else. Levels and layers count from the
-/// view's first.
+/// The resolved data of an image view for accesses. Levels and layers count from the view's first.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageDescriptor {

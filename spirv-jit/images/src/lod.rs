@@ -13,8 +13,8 @@ pub const MAX_LOD_BIAS: f32 = 16.0;
 /// `maxSamplerAnisotropy`.
 pub const MAX_ANISOTROPY: f32 = 16.0;
 
-/// A level of detail per lane, before the sampler's clamp (λ'), and what anisotropic filtering
-/// needs.
+/// A level of detail per lane, before the sampler's clamp (λ'), and the data for anisotropic
+/// filtering.
 pub(super) struct Lod {
     pub lambda: Floats,
     pub anisotropy: Option<Anisotropy>,

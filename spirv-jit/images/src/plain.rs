@@ -252,7 +252,7 @@ impl<V: Vector> Task<V> for OfBlocks<'_, V::I> {
     #[inline(always)]
     unsafe fn run(self, v: V) -> [V::I; 4] {
         let mut words = [v.splat_i(0); 4];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that a block is readable at each offset.
         unsafe {
             match self.info.size_bytes {
                 8 => (words[0], words[1]) = v.gather_pairs(self.data, self.offsets),

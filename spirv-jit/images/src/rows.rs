@@ -29,7 +29,7 @@ impl Rows {
     /// The subgroup has a row.
     #[inline(always)]
     unsafe fn of(self, subgroup: u16) -> *mut Row {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the subgroup has a row.
         unsafe { self.first.byte_add(subgroup as usize * self.step_bytes) }
     }
 }
@@ -83,7 +83,8 @@ impl Wave<'_> {
     /// As [`Self::mask`].
     #[inline(always)]
     pub(super) unsafe fn reference(&self, op: &ImageOp, index: usize) -> &Row {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the index is that of a subgroup, and there is such an
+        // operand.
         unsafe { self.operand(index, op.coordinate_count()) }
     }
 
@@ -93,7 +94,8 @@ impl Wave<'_> {
     /// As [`Self::mask`].
     #[inline(always)]
     pub(super) unsafe fn lod(&self, op: &ImageOp, index: usize, part: usize) -> &Row {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the index is that of a subgroup, and there is such an
+        // operand.
         unsafe { self.operand(index, op.rows_before_lod() + part) }
     }
 
@@ -103,7 +105,8 @@ impl Wave<'_> {
     /// As [`Self::mask`].
     #[inline(always)]
     pub(super) unsafe fn offset(&self, op: &ImageOp, index: usize, axis: usize) -> &Row {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the index is that of a subgroup, and there is such an
+        // operand.
         unsafe { self.operand(index, self.operands.len() - op.spatial_count() + axis) }
     }
 
@@ -113,7 +116,8 @@ impl Wave<'_> {
     /// As [`Self::mask`].
     #[inline(always)]
     pub(super) unsafe fn put<V: Vector>(&self, v: V, index: usize, values: [V::I; 4]) {
-        // SAFETY: the caller's promise. One by one: a loop would keep the values in memory.
+        // SAFETY: the caller guarantees that the index is that of a subgroup, and there is such an
+        // operand. One by one: a loop would keep the values in memory.
         unsafe {
             let subgroup = *self.subgroups.get_unchecked(index);
             put_one(v, self.results[0], subgroup, values[0]);
@@ -154,7 +158,7 @@ impl Wave<'_> {
             v.bits_of(values[2]),
             v.bits_of(values[3]),
         ];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { self.put(v, index, words) };
     }
 }
@@ -164,7 +168,8 @@ impl Wave<'_> {
 #[inline(always)]
 unsafe fn put_one<V: Vector>(v: V, result: Rows, subgroup: u16, value: V::I) {
     if !result.first.is_null() {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the result has a row for the subgroup, or is not
+        // wanted.
         unsafe { v.store_i(value, &mut *result.of(subgroup)) };
     }
 }

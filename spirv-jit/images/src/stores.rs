@@ -34,7 +34,8 @@ impl<'a> Stores<'a> {
         if op.has_offset {
             return None;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the wave is as `Wave` requires, for the operation of
+        // `plain`.
         let level = unsafe { level(op, wave) }.filter(|&level| image.has_level(level))?;
         let (axes, axis_count) = axes(op, image, info, level);
         Some(Stores {
@@ -53,8 +54,9 @@ impl<'a> Stores<'a> {
     #[inline(always)]
     pub unsafe fn store<V: Vector>(&self, v: V, wave: &Wave<'_>) {
         for index in 0..wave.subgroups.len() {
-            // SAFETY: the caller's promise; lanes inside address texels of the level, at offsets
-            // that a level of fewer than 2^31 bytes has.
+            // SAFETY: the caller guarantees that the wave is that of `Self::new`; the image's
+            // memory stays allocated during the call; lanes inside address texels of the level, at
+            // offsets that a level of fewer than 2^31 bytes has.
             unsafe {
                 let mut inside = wave.mask(index);
                 if inside == 0 {

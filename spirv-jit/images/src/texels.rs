@@ -1,5 +1,5 @@
-//! Texels of sixteen lanes in vectors of the machine: encoded and stored, loaded and decoded. The
-//! same bits as [`FormatInfo::encode`] and [`FormatInfo::decode`], which say what they are.
+//! Texels of sixteen lanes in vectors of the machine: encoded and stored, loaded and decoded.
+//! Produces the same bits as [`FormatInfo::encode`] and [`FormatInfo::decode`], which define them.
 //!
 //! Here, too, there are no closures over vectors: those would not be compiled for the vectors'
 //! instruction set.
@@ -349,8 +349,9 @@ unsafe fn store_block_of<V: Vector, const SIZE: u32>(
     let Some(stride) = block_stride::<V, SIZE>(v, offsets, places) else {
         return false;
     };
-    // SAFETY: the caller's promise: the bytes are those of the lanes' texels, which are distinct.
-    // Each offset is less than 2^31 and so is the stride, so offsets of rows do not wrap.
+    // SAFETY: the caller keeps the contract of `store`, of all lanes; the bytes are those of the
+    // lanes' texels, which are distinct. Each offset is less than 2^31 and so is the stride, so
+    // offsets of rows do not wrap.
     unsafe {
         let at = base.add(places[0] as usize);
         match SIZE {
@@ -384,7 +385,8 @@ pub(crate) unsafe fn store<V: Vector>(
     let mut places = [0; LANES];
     v.store_i(offsets, &mut places);
     if mask == u16::MAX {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `base + offsets` is writable for the format's size, in
+        // every lane of `mask`; offsets are less than 2^31.
         let is_stored = unsafe {
             match info.size_bytes {
                 2 => store_block_of::<V, 2>(v, base, offsets, &places, &words),
@@ -404,7 +406,8 @@ pub(crate) unsafe fn store<V: Vector>(
         v.store_i(*word, row);
     }
     let is_row = mask == u16::MAX && is_row(v, offsets, places[0], info.size_bytes as u32);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that `base + offsets` is writable for the format's size, in
+    // every lane of `mask`; offsets are less than 2^31.
     unsafe {
         match info.size_bytes {
             1 => put(
@@ -456,7 +459,7 @@ unsafe fn put<T: Copy>(
     is_row: bool,
     texels: &[T; LANES],
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `store`.
     unsafe {
         if is_row {
             let row = base.add(places[0] as usize).cast::<[T; LANES]>();
@@ -495,7 +498,7 @@ unsafe fn put_odd(base: *mut u8, places: &[u32; LANES], mask: u16, rows: &Texels
         for (word, row) in rows.iter().enumerate() {
             texel[4 * word..4 * word + 4].copy_from_slice(&row[lane].to_le_bytes());
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `store`.
         unsafe {
             let at = base.add(places[lane] as usize);
             std::ptr::copy_nonoverlapping(texel.as_ptr(), at, size);
@@ -523,7 +526,7 @@ pub(crate) unsafe fn load<V: Vector>(
         v.store_i(offsets, &mut places);
         is_row(v, offsets, places[0], size as u32)
     };
-    // SAFETY: the caller's promise; each access lies inside the texel.
+    // SAFETY: the caller keeps the contract of this function; each access lies inside the texel.
     unsafe {
         let row = base.add(places[0] as usize);
         match size {
@@ -594,7 +597,7 @@ pub unsafe fn store_block(
     mask: u16,
     texels: &Texels,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `block::store`.
     unsafe {
         match info.in_vectors {
             true => store_vectors(Tier::best(), info, base, offsets, mask, texels),
@@ -610,7 +613,7 @@ lanes::vectors! {
     /// As there.
     pub(super) unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; LANES], mask: u16, texels: &Texels) {
         let texels = [v.load_i(&texels[0]), v.load_i(&texels[1]), v.load_i(&texels[2]), v.load_i(&texels[3])];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { store(v, info, base, v.load_i(offsets), mask, &texels) };
     }
 }

@@ -20,7 +20,8 @@ lanes::vectors! {
     /// The wave is as [`Wave`] says, for the operation of `fast`; the image's memory stays
     /// allocated during the call.
     pub unsafe fn sample<V>(v, fast: &Fast<'_>, wave: &Wave<'_>) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the wave is as `Wave` requires, for the operation of
+        // `fast`; the image's memory stays allocated during the call.
         unsafe {
             if fast.is_of_planes::<V>() {
                 return fast.planes(v, wave);
@@ -42,7 +43,7 @@ unsafe fn rows<'w>(wave: &'w Wave<'_>, index: usize) -> ([&'w Row; MAX_OPERANDS]
     let count = wave.operands.len().min(MAX_OPERANDS);
     let mut rows = [&[0; LANES]; MAX_OPERANDS];
     for (operand, row) in rows.iter_mut().enumerate().take(count) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Wave::mask`.
         *row = unsafe { wave.operand(index, operand) };
     }
     (rows, count)
@@ -57,7 +58,7 @@ unsafe fn whole<V: Vector>(
     wave: &Wave<'_>,
     index: usize,
 ) -> fast::Components<V> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `sample`.
     unsafe {
         let mask = wave.mask(index);
         let (mut rows, count) = rows(wave, index);
@@ -110,7 +111,7 @@ lanes::vectors! {
     /// As [`sample`].
     pub unsafe fn load<V>(v, plain: &Plain<'_>, wave: &Wave<'_>) -> usize {
         let wanted = plain.wanted(wave.results.map(|rows| !rows.first.is_null()));
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `sample`.
         unsafe {
             if let Some(words) = WordLoads::new(plain, wave) {
                 words.load(v, wave);
@@ -139,7 +140,7 @@ lanes::vectors! {
     /// # Safety
     /// As there.
     pub unsafe fn store<V>(v, plain: &Plain<'_>, wave: &Wave<'_>) -> usize {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             if let Some(stores) = Stores::new(plain, wave) {
                 stores.store(v, wave);

@@ -51,7 +51,8 @@ impl WordLoads {
         if !are_words || op.has_offset || image.swizzle != [0, 1, 2, 3] {
             return None;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the wave is as `Wave` requires, for the operation of
+        // `plain`.
         let level = unsafe { level(op, wave) }.filter(|&level| image.has_level(level))?;
         let (axes, axis_count) = axes(op, image, info, level);
         let component = |index: usize| match info.channels[index] {
@@ -77,8 +78,9 @@ impl WordLoads {
         let steps: [u32; LANES] = std::array::from_fn(|lane| 4 * lane as u32);
         let steps = v.load_i(&steps);
         for index in 0..wave.subgroups.len() {
-            // SAFETY: the caller's promise; lanes inside address texels of the level, and others
-            // its first one.
+            // SAFETY: the caller guarantees that the wave is that of `Self::new`; the image's
+            // memory stays allocated during the call; lanes inside address texels of the level, and
+            // others its first one.
             unsafe {
                 let mask = wave.mask(index);
                 if mask == 0 {
@@ -123,7 +125,7 @@ impl WordLoads {
                 Component::Missing(word) => v.splat_i(word as i32),
                 Component::Word(_) => words,
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `Self::load`.
             unsafe { wave.put_component(v, index, component, value) };
         }
     }
@@ -141,7 +143,8 @@ impl WordLoads {
         (offsets, inside): (V::I, u16),
     ) {
         for (component, &what) in self.components.iter().enumerate() {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `Self::load`; the base and each offset
+            // address a texel.
             unsafe {
                 let value = match what {
                     Component::Unwanted => continue,
@@ -165,7 +168,8 @@ pub(super) unsafe fn level(op: &ImageOp, wave: &Wave<'_>) -> Option<usize> {
         return Some(0);
     }
     let rows = wave.operands.get(op.rows_before_lod())?;
-    // SAFETY: the caller's promise: the first subgroup has a row, which all others share.
+    // SAFETY: the caller guarantees that the wave is as `Wave` requires, for the operation of
+    // `plain`; the first subgroup has a row, which all others share.
     let row = unsafe { rows.first.as_ref() }.filter(|_| rows.step_bytes == 0)?;
     (row.iter().all(|&level| level == row[0])).then_some(row[0] as usize)
 }

@@ -2,8 +2,8 @@
 //! Conversion").
 //!
 //! Reconstruction is implicit: each plane is sampled at its own resolution with its own filter, and
-//! what comes out is converted. So a plane is an image of its own here, and everything else is what
-//! sampling does anyway.
+//! what comes out is converted. A plane is therefore a separate image, and the rest is ordinary
+//! sampling.
 
 use lanes::{LANES, Row};
 
@@ -265,7 +265,8 @@ pub(super) unsafe fn sample(
         }
         let mut of = [[0; LANES]; super::operands::MAX_RESULT_ROWS];
         let (image, sampler) = (Some(&of_plane), Some(&sampler));
-        // SAFETY: the caller's promise; the plane is a part of the image.
+        // SAFETY: the caller keeps the contract of `execute_plain`; the plane is a part of the
+        // image.
         unsafe { execute_plain(op, image, sampler, mask, &rows[..count], residency, &mut of) };
         for (texel, component) in texels.iter_mut().zip(plane.components) {
             if let Some(component) = component {

@@ -213,7 +213,7 @@ macro_rules! elementwise_ops {
 /// The effect of an operation besides its results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Effect {
-    /// Nothing, and the same operands give the same results anywhere in the invocation.
+    /// No effect; the same operands give the same results anywhere in the invocation.
     Pure,
     /// Reads state that may change.
     Read,

@@ -231,8 +231,8 @@ impl OperandTypes<'_> {
         require(is_int(self.results[0]), "not an integer")
     }
 
-    /// Words only, with as many words passed through as come back: `extra_args` operands are not
-    /// passed, and `extra_results` results come back besides.
+    /// Words only, with as many words passed through as come back, except `extra_args` operands,
+    /// which are not passed, and `extra_results` additional results.
     fn passes_words(&self, extra_args: usize, extra_results: usize, rule: &str) -> Checked {
         let (args, results) = (self.args, self.results);
         words_only(args, results)?;

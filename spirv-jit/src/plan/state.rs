@@ -34,7 +34,8 @@ impl HeldOperands {
     /// `state` is the first word of a state, which is aligned like rows.
     #[inline(always)]
     pub unsafe fn of<'s>(state: *mut u32) -> &'s mut HeldOperands {
-        // SAFETY: as the caller promises; any bits are operands, and every state has these words.
+        // SAFETY: the caller guarantees that `state` is the first word of a state, which is aligned
+        // like rows; any bits are operands, and every state has these words.
         unsafe { &mut *state.add(HELD_OPERANDS).cast() }
     }
 }
@@ -82,7 +83,7 @@ impl Plan {
         let operands = *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) };
         zero(&mut state[..self.layout.inputs]);
         if operands.program == number && self.output_rows == 0 {
-            // SAFETY: as above.
+            // SAFETY: a state's first row.
             *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) } = operands;
         }
         // Rows that a program may read or return without writing them are initialized, so that runs

@@ -91,7 +91,7 @@ fn map(size_bytes: usize) -> *mut u8 {
 /// [`map`] gave them, and nothing uses them any more.
 #[cfg(unix)]
 unsafe fn unmap(start: *mut u8, size_bytes: usize) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pages come from `map`, and are unused.
     unsafe { libc::munmap(start.cast(), size_bytes) };
 }
 
@@ -102,6 +102,6 @@ unsafe fn unmap(start: *mut u8, size_bytes: usize) {
 #[cfg(windows)]
 unsafe fn unmap(start: *mut u8, _size_bytes: usize) {
     use windows_sys::Win32::System::Memory::{MEM_RELEASE, VirtualFree};
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pages come from `map`, and are unused.
     unsafe { VirtualFree(start.cast(), 0, MEM_RELEASE) };
 }

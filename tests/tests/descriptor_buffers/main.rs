@@ -94,7 +94,7 @@ impl<'a> Buffers<'a> {
     }
 
     fn offset(&self, layout: vk::DescriptorSetLayout, binding: u32) -> usize {
-        // SAFETY: as above.
+        // SAFETY: the layout is for descriptor buffers.
         unsafe {
             self.commands
                 .get_descriptor_set_layout_binding_offset(layout, binding) as usize
@@ -250,7 +250,7 @@ impl<'a> Buffers<'a> {
     }
 
     fn finish(&self, commands: vk::CommandBuffer, kernel: Kernel, push: &[u32]) {
-        // SAFETY: as above.
+        // SAFETY: the command buffer is being recorded.
         unsafe {
             let device = &self.gpu.device;
             let bytes: Vec<u8> = push.iter().flat_map(|word| word.to_ne_bytes()).collect();

@@ -253,7 +253,7 @@ fn structures_with_micromaps_are_copied_and_serialized() {
         .dst(copy.handle)
         .mode(vk::CopyAccelerationStructureModeKHR::DESERIALIZE);
     gpu.run(|commands| {
-        // SAFETY: as above.
+        // SAFETY: all of it lives as long as the device.
         unsafe {
             gpu.acceleration
                 .cmd_copy_memory_to_acceleration_structure(commands, &back);

@@ -76,7 +76,7 @@ fuzz_target!(|input: FuzzInput| {
         // SAFETY: there are no micromaps.
         let size = unsafe { serialized_size(whole, &EVERYWHERE) }.unwrap();
         let mut data = Bytes::new(size);
-        // SAFETY: as above.
+        // SAFETY: there are no micromaps.
         unsafe { serialize(whole, &[[7; 16]; 2], false, &mut data, &EVERYWHERE) }.unwrap();
         corrupt(&mut data, 0, &input.writes);
         let mut place = Bytes::new(compacted_size(whole).unwrap());

@@ -75,14 +75,14 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
     pub unsafe fn trace(&mut self, walker: &mut Walker, at_once: usize) {
         let all: Vec<u32> = (0..self.rows.len() as u32).collect();
         for groups in all.chunks(at_once) {
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller guarantees that the structures are alive.
             let mut traced = unsafe { walker.trace(groups, &[], self) };
             for _ in 0..self.rounds {
                 if traced.is_err() || self.waiting.is_empty() {
                     break;
                 }
                 let decided = std::mem::take(&mut self.waiting);
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the structures are alive.
                 traced = unsafe { walker.resume(&decided, self) };
             }
             self.waiting.clear();

@@ -67,7 +67,7 @@ impl Deref for Bytes {
 
 impl DerefMut for Bytes {
     fn deref_mut(&mut self) -> &mut [u8] {
-        // SAFETY: as above.
+        // SAFETY: as long as that, and written; this is the only reference.
         unsafe { std::slice::from_raw_parts_mut(self.start, self.length) }
     }
 }

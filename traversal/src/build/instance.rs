@@ -37,7 +37,8 @@ pub(crate) struct Placed {
 /// The memory of `source` must be readable and unchanged, and so must records behind pointers.
 pub(crate) unsafe fn read(source: &InstanceSource<'_>, index: u32) -> Option<Instance> {
     let offset = u64::from(index) * source.array.stride_bytes();
-    // SAFETY: the caller's promise, here and below.
+    // SAFETY: the caller guarantees that the memory of `source` is readable and unchanged, and so
+    // are records behind pointers.
     let pointer = || unsafe { source.memory.read(offset) }.map(u64::from_le_bytes);
     match source.array {
         InstanceArray::Records => {
@@ -224,9 +225,9 @@ const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
 /// The walk computes an object-space ray as `o' = A⁻¹(o − T)`, `d' = A⁻¹d` in f32, with a rounded
 /// `A⁻¹`. Each component of `o'` is off by at most 5 roundings of `|A⁻¹||o − T|`, and `t d'` by as
 /// many of `|A⁻¹||t d|`; seen from world space, by `5 · 2⁻²⁴ · K · (2|o| + |T| + |B|)` with `K =
-/// ‖|A||A⁻¹|‖∞` and B the box, as `|t d| ≤ |o| + |B|` where the box is hit. The part with `|o|` is
-/// the walk's to add (`origin_error`), the rest is a margin of the box here. 16 stands for 10 plus
-/// what second-order terms need. The identity is exact.
+/// ‖|A||A⁻¹|‖∞` and B the box, as `|t d| ≤ |o| + |B|` where the box is hit. The walk adds the part
+/// with `|o|` (`origin_error`); the rest is a margin of the box. 16 stands for 10 plus what
+/// second-order terms need. The identity is exact.
 fn place(object_to_world: &[f32; 12], object_bounds: &Bounds) -> Option<Placed> {
     if object_bounds.is_empty() || !object_to_world.iter().all(|m| m.is_finite()) {
         return None;

@@ -67,7 +67,9 @@ pub unsafe fn build(
     destination: &mut [u8],
     scratch: &mut [u8],
 ) -> Result<u64, BuildError> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the memory that `input` names is readable, unchanged and
+    // apart from `destination` and `scratch`, and that references of instances are 0 or addresses
+    // of built bottom levels.
     unsafe { build_to_depth(input, destination, scratch, MAX_DEPTH) }
 }
 
@@ -122,7 +124,7 @@ unsafe fn build_to_depth(
         written.bounds = unsafe { refit::refit(&target, nodes, leaves) }.bounds;
     }
     if input.flags.contains(BuildFlags::ALLOW_UPDATE) {
-        // SAFETY: as above.
+        // SAFETY: the nodes and leaves are written.
         written.cost = unsafe { refit::measure(&target, nodes, leaves) };
     }
     if shape.micromap_bytes > 0 {
@@ -193,7 +195,8 @@ unsafe fn grow_and_write(
         if takes_blocks(shape, flags, collected) {
             target.form = Form::Blocks;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the memory of the geometries is readable, and the
+        // destination has the promised size.
         let written = unsafe { write_wide(target, shape, tree, primitives, &costs, max_depth) };
         if let Some(written) = written {
             return written;

@@ -290,7 +290,7 @@ fn grow<V: Vector>(
     let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
     // SAFETY: the machine that runs this has the instruction set.
     let mut go_left = || unsafe { again(growth, left, first, left_nodes, &sides[0], depth + 1) };
-    // SAFETY: as above.
+    // SAFETY: the machine that runs this has the instruction set.
     let mut go_right =
         || unsafe { again(growth, right, cut.at, right_nodes, &sides[1], depth + 1) };
     if count > PARALLEL && in_pool() {

@@ -72,7 +72,7 @@ impl Target<'_> {
             } else {
                 node.children[lane] = next_node;
                 let nodes = self.packed_nodes(own.len());
-                // SAFETY: likewise.
+                // SAFETY: chunks before this one took the leaves before these.
                 let bounds = unsafe { self.write_packed(own, next_node, next_leaf) };
                 next_node += nodes;
                 bounds

@@ -248,7 +248,8 @@ pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds>
 unsafe fn instance_bounds(source: &InstanceSource<'_>, index: u32) -> Option<Bounds> {
     // SAFETY: the caller keeps the promises of `collect`.
     let instance = unsafe { super::instance::read(source, index) }?;
-    // SAFETY: references are 0 or built bottom levels, by the caller's promise.
+    // SAFETY: references are 0 or built bottom levels; the caller guarantees that the memory of
+    // `geometries` is readable and unchanged.
     unsafe { instance.place(source.live) }.map(|placed| placed.bounds)
 }
 

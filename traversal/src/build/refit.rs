@@ -35,7 +35,8 @@ fn for_each(count: u32, write: impl Fn(u32) + Send + Sync) {
 /// The target has `count` valid groups, and the geometries' memory is readable.
 pub(crate) unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeometry]) {
     for_each(count, |index| {
-        // SAFETY: one of the `count` groups, and the caller's promise.
+        // SAFETY: one of the `count` groups; the caller guarantees that the target has `count`
+        // valid groups, and the geometries' memory is readable.
         unsafe { write_group(&mut *target.leaf_at::<TriangleGroup>(index), list) };
     });
 }
@@ -96,7 +97,8 @@ pub(crate) unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptG
 /// The target has `count` valid entries, and the geometries' memory is readable.
 pub(crate) unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry]) {
     let write = |index| {
-        // SAFETY: one of the `count` entries, and the caller's promise.
+        // SAFETY: one of the `count` entries; the caller guarantees that the target has `count`
+        // valid entries, and the geometries' memory is readable.
         unsafe {
             let entry = &mut *target.leaf_at::<MotionEntry>(index);
             let number = entry.geometry & geometry_word::INDEX;
@@ -320,7 +322,8 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
                 (length, next) = (length + 1, word + 1);
             }
             let visit = |part: &mut (u32, u32, Option<(Bounds, f64)>)| {
-                // SAFETY: the ranges are disjoint, and the caller's promise.
+                // SAFETY: the ranges are disjoint; the caller keeps the contract of `refit`, for
+                // these nodes.
                 part.2 = unsafe { self.subtree(part.0, part.1, deeper) };
             };
             match in_pool() {

@@ -26,7 +26,7 @@ impl SweptGeometry {
         let index = u64::from(index);
         // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         let end = |i: u64| unsafe { self.end(i) };
-        // SAFETY: likewise.
+        // SAFETY: the caller guarantees that the geometry's memory is readable and unchanged.
         let number = |i: u64| unsafe { self.number(i) };
         let (first, second, flags) = match self.indexing {
             Indexing::Spheres => {

@@ -216,14 +216,14 @@ fn subtree<V: Vector>(
         let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
         // SAFETY: the machine that runs this has the instruction set.
         let mut go_left = || unsafe { again(left, left_nodes, rules, left_extent, depth + 1) };
-        // SAFETY: as above.
+        // SAFETY: the machine that runs this has the instruction set.
         let mut go_right = || unsafe { again(right, right_nodes, rules, right_extent, depth + 1) };
         match in_pool() {
             true => rayon::join(go_left, go_right),
             false => (go_left(), go_right()),
         }
     } else {
-        // SAFETY: as above.
+        // SAFETY: the machine that runs this has the instruction set.
         unsafe {
             let size = again(left, &mut nodes[1..], rules, left_extent, depth + 1);
             nodes[0].set_right(1 + size);

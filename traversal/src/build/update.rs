@@ -125,7 +125,7 @@ fn leave_micromaps(destination: &mut [u8]) -> Result<(), BuildError> {
         .and_then(|part| part.get_mut(..8 * header.geometry_count as usize))
         .ok_or(BuildError::Source)?;
     references.fill(0);
-    // SAFETY: as above.
+    // SAFETY: long enough; a header is plain numbers.
     unsafe {
         destination
             .as_mut_ptr()

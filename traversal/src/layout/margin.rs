@@ -21,9 +21,8 @@
 //!
 //! So a triangle is hit if three edge functions of one sign exceed that, and is missed if two of
 //! opposite signs do: were it hit, they would not. The factors here are larger by 1/8 and more,
-//! which covers their own rounding. Where W is tiny it counts as 2⁻⁵⁴, which leaves room for what
-//! underflows; where it is above 2⁵⁵, as infinite: nothing is decided by bounds where products
-//! could overflow.
+//! which covers their own rounding. A tiny W counts as 2⁻⁵⁴, which leaves room for underflow. A W
+//! above 2⁵⁵ counts as infinite, because products could overflow, so bounds decide nothing.
 #![forbid(unsafe_code)]
 
 /// A bound for the edge functions of triangles that are no larger than some size.

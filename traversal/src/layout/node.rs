@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 use super::{Node, WIDTH};
 
-/// A node in a blob. What is read of it is a copy: a word is read once, checked, and used then.
+/// A node in a blob. Reads copy: a word is read once, checked, and then used.
 #[derive(Clone, Copy)]
 pub(crate) struct NodeAt<'a>(*const Node, PhantomData<&'a ()>);
 

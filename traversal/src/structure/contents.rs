@@ -42,7 +42,7 @@ pub enum PrimitiveShape {
 pub struct BoxLevel {
     /// Least and greatest coordinates, for all times.
     pub boxes: Vec<[[f32; 3]; 2]>,
-    /// Boxes that there are; of more than were asked for, `boxes` has an even choice.
+    /// The number of boxes; if it is more than requested, `boxes` has an even selection.
     pub count: u64,
 }
 
@@ -68,7 +68,7 @@ impl Structure {
     /// # Safety
     /// As for [`Structure::at`].
     pub unsafe fn described(address: u64, live: &Live) -> Option<(Structure, StructureFacts)> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Structure::at`.
         let found = unsafe { Structure::inside(address, live.bytes_from(address)) };
         let (structure, header) = found?;
         let bounds = [header.bounds.min, header.bounds.max];
@@ -107,8 +107,8 @@ impl Structure {
         leaves.flat_map(|(word, bounds)| self.leaf_contents(word, bounds))
     }
 
-    /// The boxes of each level of nodes, at most so many a level: in the space of a bottom level,
-    /// or of the world.
+    /// The boxes of each level of nodes, at most `most` a level, in the space of the bottom level,
+    /// or of the world for a top level.
     pub fn box_levels(&self, most: usize) -> Vec<BoxLevel> {
         let (mut nodes, mut levels) = (vec![0], Vec::new());
         // Corrupt nodes may lead back to each other.

@@ -28,7 +28,7 @@ pub(super) unsafe fn is_still(base: *const u8, header: &Header) -> bool {
         _mm_movemask_epi8(_mm_and_si128(_mm_and_si128(first, second), equal(7))) == 0xFFFF
     }
     #[cfg(not(target_arch = "x86_64"))]
-    // SAFETY: as above.
+    // SAFETY: SSE2 is part of x86-64; all vectors are inside the header, which is aligned.
     unsafe {
         let words = |start: *const u8| start.cast::<[u64; size_of::<Header>() / 8]>();
         words(base).read_volatile() == words(copy).read()
@@ -40,8 +40,8 @@ const _: () = assert!(
     std::mem::offset_of!(Header, bounds) <= 96 && std::mem::offset_of!(Header, origin_error) == 112
 );
 
-/// Checks that a header is one of ours and that all parts are inside its size: what reading them
-/// relies on.
+/// Checks that a header has this layout and that all parts are inside its size, as reads of them
+/// require.
 #[inline(always)]
 pub(super) fn check_header(header: &Header) -> Result<(Kind, Form), StructureError> {
     if header.magic != MAGIC || header.version != VERSION {

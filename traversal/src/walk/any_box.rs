@@ -111,7 +111,7 @@ impl Bundle {
                 far[i] = min(max(leave * low, leave * high), far[i]);
             }
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe { K::at_most(&near, &far) }
     }
 }
@@ -146,7 +146,8 @@ unsafe fn intersect_child<K: Kernel>(
         far[i] = min(min(leave(0), leave(1)), min(leave(2), t_max[i]));
     }
     let (near, far) = (near.as_chunks().0, far.as_chunks().0);
-    // SAFETY: the caller's promise. Not by closures, which would be calls.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set. Not by
+    // closures, which would be calls.
     let bits = unsafe { K::at_most(&near[0], &far[0]) | K::at_most(&near[1], &far[1]) << WIDTH };
     LaneMask::from_bits(bits as u16)
 }
@@ -191,12 +192,12 @@ impl BoxLevel<'_> {
             if length + WIDTH > ROOM {
                 return lanes;
             }
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let mut rest = unsafe { bundle.intersect_node::<K>(node) };
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize;
                 rest &= rest - 1;
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 let inside =
                     here & unsafe { intersect_child::<K>(slabs, &bundle, t_max, node, child) };
                 if !inside.is_empty() {

@@ -53,7 +53,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     #[inline(always)]
     unsafe fn load_space(space: &Space, t_far: f32) -> AvxBeam {
         let three = |[x, y, z, _]: [f32; 4]| [x, y, z];
-        // SAFETY: the caller promises AVX.
+        // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
             AvxBeam {
                 origin: eight(three(space.near_origin)),
@@ -70,7 +70,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     #[inline(always)]
     unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> AvxBeam {
         let row = |axis: usize| beams.near_rows[axis][lane] as usize;
-        // SAFETY: the caller promises AVX.
+        // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
             AvxBeam {
                 origin: eight([0, 1, 2].map(|axis| beams.origin[axis][lane])),
@@ -87,7 +87,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     #[inline(always)]
     unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> AvxBeam {
         let lane = lane % PACKET;
-        // SAFETY: the caller promises AVX.
+        // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
             AvxBeam {
                 origin: eight([0, 1, 2].map(|axis| slabs.near_origin[axis][lane])),
@@ -103,7 +103,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn load_shear(space: &Space) -> AvxShear {
-        // SAFETY: the caller promises AVX; axes are below three.
+        // SAFETY: the caller guarantees that the machine has AVX; axes are below three.
         unsafe {
             let [x, y, z] = space.flat_origin;
             let [x_axis, y_axis, z_axis] = space.axes();
@@ -120,7 +120,8 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn test_group(ray: &AvxShear, group: &TriangleGroup, t_far: f32) -> u32 {
-        // SAFETY: the caller promises AVX; groups are aligned, and axes are below three.
+        // SAFETY: the caller guarantees that the machine has AVX; groups are aligned, and axes are
+        // below three.
         unsafe {
             let [ox, oy, oz] = ray.origin;
             let vertex = |i: usize| {
@@ -163,7 +164,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn shorten(beam: &mut AvxBeam, t_far: f32) {
-        // SAFETY: the caller promises AVX.
+        // SAFETY: the caller guarantees that the machine has AVX.
         beam.t_far = unsafe { _mm256_set1_ps(t_far) };
     }
 
@@ -172,7 +173,8 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         beam: &AvxBeam,
         node: NodeAt<'_>,
     ) -> (u32, __m256) {
-        // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
+        // SAFETY: the caller guarantees that the machine has AVX; nodes are aligned, and rows are
+        // below six.
         unsafe {
             let base = node.bounds();
             let (x_near, x_far) = planes::<CLOSED>(beam, base, 0);
@@ -212,11 +214,13 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         place: *mut Entry,
     ) -> (u32, usize) {
         if ANY {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set; there is room
+            // for eight entries.
             return unsafe { push_all(mask, node, place) };
         }
         let mut nears = Nears([0.0; WIDTH]);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the instruction set; there is room for
+        // eight entries.
         unsafe {
             _mm256_store_ps(nears.0.as_mut_ptr(), near);
             push_children::<ANY>(mask, node, &nears.0, place)
@@ -225,7 +229,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn at_most(these: &[f32; WIDTH], those: &[f32; WIDTH]) -> u32 {
-        // SAFETY: the caller promises AVX.
+        // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
             let (these, those) = (
                 _mm256_loadu_ps(these.as_ptr()),
@@ -237,7 +241,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
-        // SAFETY: the caller promises AVX2.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe { block::expand(block, groups) }
     }
 
@@ -251,7 +255,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         interval: [f32; 2],
         found: &mut GroupHits,
     ) -> u32 {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { group::intersect(LaneOf { beams, lane }, groups, lanes, interval, found) }
     }
 
@@ -263,7 +267,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         found: &mut GroupHits,
         fuel: &mut u64,
     ) -> End {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe {
             if WIDE {
                 walk_opaque_wide::<ANY>(way, best, pending, found, fuel)
@@ -282,13 +286,13 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         fuel: &mut u64,
         meter: &mut M,
     ) -> End {
-        // SAFETY: the caller promises AVX2.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe { walk_opaque_metered::<M, ANY>(way, best, pending, found, fuel, meter) }
     }
 
     #[inline(always)]
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
-        // SAFETY: the caller promises AVX2.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe { test_leaf(leaf, walk, t_far) }
     }
 }
@@ -322,7 +326,8 @@ unsafe fn push_all(mask: u32, node: NodeAt<'_>, place: *mut Entry) -> (u32, usiz
     let bits = &BITS_OF[mask as usize % 256];
     let words = node.children();
     let last = node.child(31 - mask.leading_zeros() as usize);
-    // SAFETY: the caller's promise; permutations look at the lowest three bits.
+    // SAFETY: the caller guarantees that the machine has AVX2; `mask` is not 0, and there is room
+    // for eight entries; permutations look at the lowest three bits.
     unsafe {
         let order = _mm256_cvtepu8_epi32(_mm_loadl_epi64(bits.as_ptr().cast()));
         let words = _mm256_loadu_si256(words.as_ptr().cast());
@@ -367,8 +372,9 @@ unsafe fn planes<const CLOSED: bool>(
     }
 }
 
-/// The greater as integers, which is faster: from 0 on the order is that of numbers, and what is
-/// negative, NaN with it (0 · ∞ has its sign), is below `t_min` and any near plane.
+/// The greater one, compared as integers, which is faster. From 0 on integers have the order of
+/// floats, and negative numbers, NaN included (0 · ∞ has its sign), are below `t_min` and any near
+/// plane.
 #[inline(always)]
 unsafe fn greater(a: __m256, b: __m256) -> __m256 {
     // SAFETY: the callers promise AVX2.
@@ -410,7 +416,7 @@ unsafe fn eight(v: [f32; 3]) -> [__m256; 3] {
 #[inline(never)]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe { leaf.test::<Avx<false>>(walk, t_far) }
 }
 
@@ -425,7 +431,7 @@ unsafe fn walk_opaque<const ANY: bool>(
     found: &mut GroupHits,
     fuel: &mut u64,
 ) -> End {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe { way.run::<Avx<false>, _, ANY>(best, pending, found, fuel, &mut Unmetered) }
 }
 
@@ -441,7 +447,7 @@ unsafe fn walk_opaque_metered<M: Meter, const ANY: bool>(
     fuel: &mut u64,
     meter: &mut M,
 ) -> End {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe { way.run::<Avx<false>, M, ANY>(best, pending, found, fuel, meter) }
 }
 
@@ -456,6 +462,6 @@ unsafe fn walk_opaque_wide<const ANY: bool>(
     found: &mut GroupHits,
     fuel: &mut u64,
 ) -> End {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { way.run::<Avx<true>, _, ANY>(best, pending, found, fuel, &mut Unmetered) }
 }

@@ -107,8 +107,8 @@ pub(crate) struct WorldRays {
 }
 
 impl WorldRays {
-    /// The rays of some lanes; the others repeat the first of them, so that nothing odd is computed
-    /// there.
+    /// The rays of some lanes. Other lanes repeat the first of them, so that they compute no
+    /// exceptional values.
     #[inline(always)]
     pub fn new(rays: &RayRows, lanes: LaneMask) -> WorldRays {
         let first = lanes.first();
@@ -192,8 +192,8 @@ impl Beams {
         tolerance: Accuracy::Spec.tolerance(),
     };
 
-    /// Sets rays up in an instance that does not move; returns the lanes in which that is all there
-    /// is to say: the ray is sound and of ordinary length.
+    /// Sets rays up in an instance that does not move; returns the lanes for which the set-up is
+    /// complete: rays without NaN and of ordinary length.
     #[inline(always)]
     pub fn set_up(&mut self, world_rays: &WorldRays, record: &InstanceRecord) -> LaneMask {
         self.start_instance(world_rays, record);

@@ -17,7 +17,7 @@ pub(super) fn leaf_groups<'a>(
     structure.leaf_groups(word, room, |block, room| unsafe { expand(block, room) })
 }
 
-/// As [`Block::expand`]. What a corrupt block has read lies inside the largest block.
+/// As [`Block::expand`]. Reads of a corrupt block stay inside the largest block.
 ///
 /// # Safety
 /// The machine has AVX2.

@@ -1,8 +1,8 @@
 //! Rays of one group through boxes, from candidate to candidate.
 //!
-//! Each ray walks as it does by itself, so it meets the same candidates in the same order. The rays
-//! in an instance are set up once for all their candidates there
-//! ([`Slabs`](super::slabs::Slabs)), and the structure is looked up once for all rays that go on.
+//! Each ray is walked as it is alone, so it has the same candidates in the same order. The rays in
+//! an instance are set up once for all their candidates there ([`Slabs`](super::slabs::Slabs)), and
+//! the structure is looked up once for all rays that go on.
 
 use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
@@ -49,7 +49,7 @@ impl Walker {
         }
         let first = lanes.first();
         let (address, ray) = (rays.top_level[first], rays.ray(first));
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         let Some(index) = (unsafe { self.enter_boxes(address, &ray) }) else {
             return LaneMask::NONE;
         };
@@ -114,8 +114,7 @@ impl Walker {
         decided
     }
 
-    /// Enters the only instance of a top level, if a ray meets nothing but boxes there, and they
-    /// do not move.
+    /// Enters the only instance of a top level if it has only boxes, without motion.
     ///
     /// # Safety
     /// As for [`Walk::new`](super::Walk::new).
@@ -123,12 +122,12 @@ impl Walker {
         if self.without().contains(Specialisation::OneInstance) {
             return None;
         }
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller keeps the contract of `Walk::new`.
         if !unsafe { self.top.enter_top(address) } {
             return None;
         }
         let index = only_instance(&self.top)?;
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`.
         unsafe { self.enter_boxes_of(index, ray) }.then_some(index)
     }
 
@@ -144,7 +143,7 @@ impl Walker {
             instance,
             ..
         } = self;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`.
         let is_admitted = unsafe { bottom.admit(instance, top, index, ray) };
         let words = top.structure.instance_words(index);
         let moves = words.is_none_or(|words| words.state & instance_state::MOVING != 0);
@@ -164,7 +163,7 @@ impl Walker {
             // SAFETY: a walker has this tier only on machines that have the instruction set.
             Tier::Avx512 => unsafe { go_avx512(self, task, hits, suspended, fuel) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: likewise.
+            // SAFETY: a walker has this tier only on machines that have the instruction set.
             Tier::Avx2 => unsafe { go_avx2(self, task, hits, suspended, fuel) },
             // SAFETY: every machine has plain Rust.
             _ => unsafe { go::<PortableKernel>(self, task, hits, suspended, fuel) },
@@ -200,7 +199,7 @@ unsafe fn go_avx512(
     suspended: &mut Suspended,
     fuel: &mut u64,
 ) -> Gone {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { go::<super::avx::Avx<true>>(walker, task, hits, suspended, fuel) }
 }
 
@@ -215,7 +214,7 @@ unsafe fn go_avx2(
     suspended: &mut Suspended,
     fuel: &mut u64,
 ) -> Gone {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { go::<super::avx::Avx<false>>(walker, task, hits, suspended, fuel) }
 }
 
@@ -258,7 +257,7 @@ unsafe fn go<K: Kernel>(
     if let (true, Some((rays, ..))) = (*starts, &task.set_up) {
         hits.start(rays, lanes);
         if any && lanes.count() >= MANY {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             lanes =
                 unsafe { way.hits_any_box::<K>(&suspended.slabs, lanes, &rays.t_max, &mut left) };
         }
@@ -279,7 +278,7 @@ unsafe fn go<K: Kernel>(
         let mut length = walk.pending.len().min(STACK - WIDTH);
         stack[..length].copy_from_slice(&walk.pending[..length]);
         let (t_far, floor) = (walk.hit.t, (walk.floor as usize).min(length));
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let (event, candidate) = unsafe {
             let beam = K::load_slabs(slabs, lane, t_far);
             match any {
@@ -363,7 +362,7 @@ impl BoxLevel<'_> {
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;
                 }
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 let (mask, near) = unsafe { K::intersect_node::<true>(beam, node) };
                 if mask == 0 {
                     continue 'next;
@@ -371,7 +370,8 @@ impl BoxLevel<'_> {
                 if self.fetches_ahead && mask & (mask - 1) != 0 {
                     fetch(mask, node, self.structure);
                 }
-                // SAFETY: there is room for all children; the caller's promise.
+                // SAFETY: there is room for all children; the caller guarantees that the machine
+                // has the kernel's instruction set.
                 unsafe {
                     let place = stack.as_mut_ptr().add(*length);
                     let pushed;

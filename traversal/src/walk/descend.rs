@@ -41,7 +41,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
             return Event::Done;
         }
     } else {
-        // SAFETY: the contract of `Walk::new`, here and below.
+        // SAFETY: the contract of `Walk::new`.
         if !unsafe { top.enter_top(walk.top_level) } {
             return Event::Done;
         }
@@ -55,7 +55,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
         if index == Walk::NO_INSTANCE {
             in_bottom = false;
         } else {
-            // SAFETY: as above.
+            // SAFETY: the contract of `Walk::new`.
             let entered =
                 unsafe { bottom.enter_bottom(instance, top, index, &walk.ray, walk.time) };
             if !entered {
@@ -78,7 +78,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
     let mut left = *fuel;
     // The rest of a leaf that a verdict interrupted.
     if let Some((word, first_lane)) = walk.leaf.take() {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         match unsafe { test_leaf::finish::<K>(walk, bottom, instance, word, first_lane) } {
             Leaf::Finished => {}
             Leaf::Over => return Event::Done,
@@ -117,7 +117,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
                 length,
             };
             let (best, pending) = (&mut best, &mut pending);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let end = unsafe {
                 match M::COUNTS {
                     true => K::walk_opaque_metered::<M, ANY>(
@@ -141,7 +141,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
             continue 'level;
         }
         let mut t_far = space.scaled_up(walk.hit.t);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let mut ray = unsafe { K::load_space(space, t_far) };
 
         let entered = 'next: loop {
@@ -182,7 +182,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;
                 }
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 let (mask, near) = unsafe { K::intersect_node::<true>(&ray, node) };
                 if mask == 0 {
                     continue 'next;
@@ -208,7 +208,8 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
             if !is_triangles {
                 match test_leaf::test_other(walk, level, instance, word, &mut t_far) {
                     Leaf::Finished => {
-                        // SAFETY: the caller's promise.
+                        // SAFETY: the caller guarantees that the machine has the kernel's
+                        // instruction set.
                         unsafe { K::shorten(&mut ray, t_far) };
                         continue 'next;
                     }
@@ -225,9 +226,9 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
                 word,
                 first_lane: 0,
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             match unsafe { K::test_leaf(&leaf, walk, &mut t_far) } {
-                // SAFETY: likewise.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 Leaf::Finished => unsafe { K::shorten(&mut ray, t_far) },
                 Leaf::Over => break 'level Event::Done,
                 Leaf::Ask(event, lane) => {

@@ -2,8 +2,8 @@
 //!
 //! For a ray from `o` along `d`, the edge from `p` to `q` has the determinant `det(d, p − o, q −
 //! o)`: the ray passes on the side that its sign says. Tests decide by bounds where they can
-//! ([`Margin`](crate::layout::Margin)). Here is what they leave: in f64 with a bound of its own,
-//! then without any rounding ([`Expansion`]).
+//! ([`Margin`](crate::layout::Margin)). This file decides the remaining cases: in f64 with an error
+//! bound, then without any rounding ([`Expansion`]).
 //!
 //! A determinant of zero is a ray that meets the edge's line. Where a shared edge has to belong to
 //! one triangle, the ray is thought to start at `o + (ε, ε², ε³)` for an infinitesimal ε

@@ -196,7 +196,7 @@ impl InstanceFacts {
         }
     }
 
-    /// A hit with what the instance knows of it.
+    /// A hit with the instance's facts.
     #[inline(always)]
     pub fn hit(&self) -> Hit {
         Hit {

@@ -87,7 +87,7 @@ impl Found {
         }
     }
 
-    /// Takes over what a lane's walk has found by itself in the instance.
+    /// Stores the hit of a lane's single walk in the instance.
     pub fn set(&mut self, lane: usize, hit: &Hit, instance: &InstanceFacts) {
         self.t[lane] = hit.t;
         for (weights, weight) in self.barycentrics.iter_mut().zip(hit.barycentrics) {
@@ -99,8 +99,7 @@ impl Found {
         self.mark_one(lane, front);
     }
 
-    /// Takes a hit in a lane, a triangle of the instance, if it is to be preferred to what there
-    /// is.
+    /// Stores the hit of a lane with a triangle of the instance, if it wins over the hit so far.
     #[inline]
     pub fn offer(&mut self, structure: &Structure, lane: usize, slot: u32, hit: &Intersection) {
         let t_far = self.t[lane];

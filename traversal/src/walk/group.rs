@@ -32,7 +32,8 @@ pub(crate) unsafe fn intersect<S: Sight>(
     interval: [f32; 2],
     found: &mut GroupHits,
 ) -> u32 {
-    // SAFETY: the caller promises AVX2; groups are aligned, and axes are below three.
+    // SAFETY: the caller guarantees that the machine has AVX2; groups are aligned, and axes are
+    // below three.
     unsafe {
         let sides = Sides::new(ray, groups);
         let inside = sides.may_be_hit() & lanes;
@@ -99,7 +100,8 @@ unsafe fn decide_rest<S: Sight>(
     interval: [f32; 2],
     found: &mut GroupHits,
 ) -> u32 {
-    // SAFETY: the caller promises AVX2; groups are aligned, and axes are below three.
+    // SAFETY: the caller guarantees that the machine has AVX2; groups are aligned, and axes are
+    // below three.
     unsafe {
         let sides = Sides::new(ray, groups);
         let place = ScaledHit::new(&sides);
@@ -224,9 +226,11 @@ struct Sides {
 }
 
 impl Sides {
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn new<S: Sight>(ray: S, groups: [&TriangleGroup; 2]) -> Sides {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let vertices = groups.map(|group| group.vertices.as_ptr().cast::<u8>());
             let (a, b, c) = (
@@ -247,9 +251,12 @@ impl Sides {
     }
 
     /// Those without two edges of surely opposite signs.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn may_be_hit(&self) -> u32 {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let apart = _mm256_min_ps(self.most, minus(self.least));
             let outside = _mm256_cmp_ps::<_CMP_GT_OQ>(apart, self.error);
@@ -258,9 +265,12 @@ impl Sides {
     }
 
     /// Whether all edges are surely of one sign, and their sum of ordinary size.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn is_decided(&self, place: &ScaledHit) -> __m256 {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let within = _mm256_max_ps(self.least, minus(self.most));
             let inside = _mm256_cmp_ps::<_CMP_GT_OQ>(within, self.error);
@@ -281,9 +291,11 @@ struct ScaledHit {
 }
 
 impl ScaledHit {
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn new(sides: &Sides) -> ScaledHit {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let [u, v, w] = sides.edges;
             let whole = _mm256_add_ps(_mm256_add_ps(u, v), w);
@@ -310,15 +322,20 @@ impl ScaledHit {
     }
 
     /// Those seen from their front, if they are hit.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn front(&self) -> u32 {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe { !_mm256_movemask_ps(self.whole) as u32 }
     }
 
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn is_ordinary(&self) -> __m256 {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let size = absolute(self.whole);
             _mm256_and_ps(
@@ -329,9 +346,12 @@ impl ScaledHit {
     }
 
     /// Whether a distance that may be so far off is precise enough.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn is_within<S: Sight>(&self, ray: S, z_error: __m256) -> __m256 {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let limit = _mm256_mul_ps(_mm256_set1_ps(ray.tolerance()), absolute(self.z));
             _mm256_cmp_ps::<_CMP_LE_OQ>(z_error, limit)
@@ -339,9 +359,12 @@ impl ScaledHit {
     }
 
     /// How far off weights and distances may be; see [`rounding`].
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn errors<S: Sight>(&self, ray: S, sides: &Sides) -> [__m256; 2] {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let [a, b, c] = &sides.vertices;
             let [az, bz, cz] = [a.apart[2], b.apart[2], c.apart[2]];
@@ -385,9 +408,12 @@ impl ScaledHit {
 
     /// No less than [`Self::errors`], where edges are decided, and found with less: see
     /// [`rounding::ROUGH`].
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn rough_errors<S: Sight>(&self, ray: S, boxes: &TriangleBounds) -> [__m256; 2] {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let shear_x = _mm256_set1_ps(ray.shear(0).abs());
             let shear_y = _mm256_set1_ps(ray.shear(1).abs());
@@ -424,10 +450,12 @@ impl ScaledHit {
         }
     }
 
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn store(&self, found: &mut GroupHits) {
         let [second, third] = &mut found.barycentrics;
-        // SAFETY: the callers'; rows are aligned.
+        // SAFETY: the caller guarantees that the machine has AVX2; rows are aligned.
         unsafe {
             found.front = self.front();
             _mm256_store_ps(second.as_mut_ptr(), self.weights[1]);
@@ -449,10 +477,13 @@ impl TriangleBounds {
     /// As rounding is monotone, the extreme products are those of the extreme vertices. Operand
     /// order decides what NaN does: where a zero of the direction meets the plane that counts, the
     /// axis does not.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn new<S: Sight>(ray: S, sides: &Sides) -> TriangleBounds {
         let [a, b, c] = &sides.vertices;
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let mut boxes = TriangleBounds {
                 sides: a.apart,
@@ -478,30 +509,40 @@ impl TriangleBounds {
     }
 
     /// Brings distances into them.
+    ///
+    /// # Safety
+    /// The machine has AVX2.
     #[inline(always)]
     unsafe fn clamp(&self, t: __m256) -> __m256 {
-        // SAFETY: the callers'.
+        // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe { _mm256_min_ps(_mm256_max_ps(t, self.near), self.far) }
     }
 }
 
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn minus(v: __m256) -> __m256 {
-    // SAFETY: the callers'.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe { _mm256_xor_ps(v, _mm256_set1_ps(-0.0)) }
 }
 
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn absolute(v: __m256) -> __m256 {
-    // SAFETY: the callers'.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), v) }
 }
 
 /// How far off edge functions may be; see [`Margin`](crate::layout::Margin). `distance`: the first
 /// vertices'.
+///
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn error(margin: Margin, distance: __m256) -> __m256 {
-    // SAFETY: the callers'.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let rise = _mm256_mul_ps(distance, _mm256_set1_ps(MARGIN_RISE));
         _mm256_mul_ps(
@@ -512,9 +553,12 @@ unsafe fn error(margin: Margin, distance: __m256) -> __m256 {
 }
 
 /// From the least to the greatest of three.
+///
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn extent(a: __m256, b: __m256, c: __m256) -> __m256 {
-    // SAFETY: the callers'.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let most = _mm256_max_ps(_mm256_max_ps(a, b), c);
         _mm256_sub_ps(most, _mm256_min_ps(_mm256_min_ps(a, b), c))
@@ -532,9 +576,13 @@ struct ShearedVertex {
 }
 
 /// From the vertices at an offset to the origin, along an axis of the ray.
+///
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn apart<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize, axis: usize) -> __m256 {
-    // SAFETY: the callers': axes are below three, and a vertex has three rows.
+    // SAFETY: the caller guarantees that the machine has AVX2; axes are below three, and a vertex
+    // has three rows.
     unsafe {
         let row = offset + ray.axis(axis);
         let first = _mm256_castps128_ps256(_mm_load_ps(vertices[0].add(row).cast()));
@@ -544,9 +592,11 @@ unsafe fn apart<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize, axis:
     }
 }
 
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> ShearedVertex {
-    // SAFETY: the callers'.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let x = apart(ray, vertices, offset, 0);
         let y = apart(ray, vertices, offset, 1);
@@ -559,9 +609,11 @@ unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> She
     }
 }
 
+/// # Safety
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn edge(p: ShearedVertex, q: ShearedVertex) -> __m256 {
-    // SAFETY: the callers'.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe { _mm256_sub_ps(_mm256_mul_ps(p.x, q.y), _mm256_mul_ps(p.y, q.x)) }
 }
 

@@ -99,7 +99,7 @@ impl Level {
             self.range = self.live.range_of(address);
             bytes = self.range.bytes_from(address);
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Structure::at`.
         let Some((structure, header)) = (unsafe { Structure::inside(address, bytes) }) else {
             return false;
         };
@@ -115,7 +115,7 @@ impl Level {
     /// The contract of [`Structure::at`], here and below.
     #[inline(always)]
     pub unsafe fn enter_top(&mut self, address: u64) -> bool {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the contract of `Structure::at` holds.
         unsafe { self.find(address) && self.structure.kind().is_top() }
     }
 
@@ -141,13 +141,13 @@ impl Level {
         ray: &Ray,
         time: f32,
     ) -> bool {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the contract of `Structure::at` holds.
         let is_admitted = unsafe { self.admit(facts, top, index, ray) };
         is_admitted && self.place(top, index, ray, time)
     }
 
-    /// Finds the bottom level of an instance of `top`, and what its record says; false if the ray
-    /// has no business there.
+    /// Finds the bottom level of an instance of `top`, and reads the instance's record; false if
+    /// the ray skips the instance.
     ///
     /// # Safety
     /// As for [`Self::enter_bottom`].
@@ -167,7 +167,7 @@ impl Level {
         {
             return false;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the contract of `Structure::at` holds.
         if !unsafe { self.find(top.structure.reference(index)) } {
             return false;
         }

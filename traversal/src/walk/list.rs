@@ -26,9 +26,9 @@ const ENOUGH: u32 = 4;
 pub(crate) type Suspend<'a> = dyn FnMut(usize, &mut Walk, Event) + 'a;
 
 impl Walker {
-    /// Takes the rays of `lanes` to their ends, one after the other; their hits are in `hits` then.
-    /// Those about which something has to be decided outside, or that run out of fuel, are handed
-    /// to `suspend` instead, which may change places with the walk to keep it.
+    /// Walks the rays of `lanes` to their ends, one after the other, and writes their hits to
+    /// `hits`. Those about which something has to be decided outside, or that run out of fuel, are
+    /// handed to `suspend` instead, which may change places with the walk to keep it.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
@@ -53,7 +53,7 @@ impl Walker {
             // SAFETY: a walker has this tier only on machines that have the instruction set.
             Tier::Avx512 => unsafe { run_avx512(&mut turns, self, fuel) },
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: likewise.
+            // SAFETY: a walker has this tier only on machines that have the instruction set.
             Tier::Avx2 => unsafe { run_avx2(&mut turns, self, fuel) },
             // SAFETY: every machine has plain Rust.
             _ => unsafe { turns.run::<PortableKernel>(self, fuel) },
@@ -66,7 +66,7 @@ impl Walker {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 unsafe fn run_avx512(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { turns.run::<super::avx::Avx<true>>(walker, fuel) }
 }
 
@@ -75,7 +75,7 @@ unsafe fn run_avx512(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn run_avx2(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u64) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { turns.run::<super::avx::Avx<false>>(walker, fuel) }
 }
 
@@ -94,14 +94,16 @@ impl Turns<'_, '_> {
     /// The machine has the kernel's instruction set; the contract of [`Walk::new`].
     #[inline(always)]
     unsafe fn run<K: Kernel>(&mut self, walker: &mut Walker, fuel: &mut u64) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set, and
+        // keeps the contract of `Walk::new`.
         let done = unsafe { self.run_opaque::<K>(walker, fuel) };
         let mut entered = Entered::NOTHING;
         for lane in self.lanes - done {
             self.start(lane);
             let walk = &mut self.walk;
             let verdict = Verdict::Continue;
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set, and
+            // keeps the contract of `Walk::new`.
             let event = unsafe { run::run_with::<K>(walk, verdict, walker, &mut entered, fuel) };
             if event != Event::Done {
                 (self.suspend)(lane, walk, event);
@@ -171,7 +173,8 @@ impl Turns<'_, '_> {
                 length: 1,
             };
             let mut best = Nearest::none_in(rays.t_min[lane], rays.t_max[lane]);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set, and
+            // keeps the contract of `Walk::new`.
             let end = unsafe {
                 if any {
                     K::walk_opaque::<true>(&way, &mut best, &mut pending, found, fuel)
@@ -213,11 +216,11 @@ unsafe fn enter_only_opaque(
     bottom: &mut Level,
     instance: &mut InstanceFacts,
 ) -> Option<(u32, InstanceRecord)> {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `Walk::new` for the ray.
     let index = unsafe { top.enter_top(address) }
         .then(|| only_instance(top))
         .flatten()?;
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the contract of `Walk::new` for the ray.
     if !unsafe { bottom.admit(instance, top, index, ray) } {
         return None;
     }

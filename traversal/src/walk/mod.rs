@@ -101,7 +101,7 @@ pub enum Verdict {
 pub enum Event {
     /// The walk is over: [`Walk::committed`] is the hit, if any.
     Done,
-    /// [`Walk::candidate`] is a triangle that is not opaque, nearer than what is committed.
+    /// [`Walk::candidate`] is a non-opaque triangle, nearer than the committed hit.
     AnyHitCandidate,
     /// The ray may meet the box [`Walk::candidate`].
     ProceduralCandidate,
@@ -112,9 +112,8 @@ pub enum Event {
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
 ///
-/// Groups of rays go through [`Walker::trace`]. This is the door for one ray, by itself and step by
-/// step: what groups find is defined by it, and tests, searches and measurements hold them against
-/// it.
+/// Groups of rays go through [`Walker::trace`]. This is the interface for one ray, step by step. It
+/// defines the results of groups, and tests, searches and measurements compare them with it.
 #[derive(Clone, Debug)]
 pub struct Walk {
     ray: Ray,

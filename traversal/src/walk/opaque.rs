@@ -45,8 +45,8 @@ impl Opaque<'_> {
         Some(nearest.hit(self.instance, self.structure))
     }
 
-    /// Whether a triangle at the distance of the nearest one, or of what was found before, or at
-    /// the end of the ray, comes before that. By value: the walk keeps its nearest in registers.
+    /// Whether a triangle wins a tie with the nearest one, with an earlier hit, or with the end of
+    /// the ray. By value: the walk keeps its nearest in registers.
     #[cold]
     #[inline(never)]
     pub fn wins_tie(&self, nearest: Nearest, slot: u32) -> bool {

@@ -1,4 +1,4 @@
-//! How walks are done, besides what rays and structures ask for.
+//! Options of walks that rays and structures do not decide.
 
 use lanes::Tier;
 

@@ -121,7 +121,8 @@ impl Kernel for PortableKernel {
         node: NodeAt<'_>,
         place: *mut Entry,
     ) -> (u32, usize) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the instruction set; there is room for
+        // eight entries.
         unsafe { push_children::<ANY>(mask, node, &near, place) }
     }
 

@@ -23,7 +23,7 @@ pub(crate) fn run(
         // SAFETY: a walker has this tier only on machines that have the instruction set.
         Tier::Avx512 => unsafe { run_avx512(walk, verdict, walker, entered, fuel) },
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: likewise.
+        // SAFETY: a walker has this tier only on machines that have the instruction set.
         Tier::Avx2 => unsafe { run_avx2(walk, verdict, walker, entered, fuel) },
         // SAFETY: every machine has plain Rust.
         _ => unsafe { run_with::<PortableKernel>(walk, verdict, walker, entered, fuel) },
@@ -41,7 +41,7 @@ unsafe fn run_avx512(
     entered: &mut Entered,
     fuel: &mut u64,
 ) -> Event {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { run_with::<super::avx::Avx<true>>(walk, verdict, walker, entered, fuel) }
 }
 
@@ -56,7 +56,7 @@ unsafe fn run_avx2(
     entered: &mut Entered,
     fuel: &mut u64,
 ) -> Event {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { run_with::<super::avx::Avx<false>>(walk, verdict, walker, entered, fuel) }
 }
 
@@ -93,7 +93,7 @@ unsafe fn run_metered_avx2<M: Meter>(
     fuel: &mut u64,
     meter: &mut M,
 ) -> Event {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { run_all::<super::avx::Avx<false>, M>(walk, verdict, walker, entered, fuel, meter) }
 }
 
@@ -109,7 +109,7 @@ pub(crate) unsafe fn run_with<K: Kernel>(
     entered: &mut Entered,
     fuel: &mut u64,
 ) -> Event {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     unsafe { run_all::<K, _>(walk, verdict, walker, entered, fuel, &mut Unmetered) }
 }
 
@@ -130,7 +130,7 @@ unsafe fn run_all<K: Kernel, M: Meter>(
         walk.state = WalkState::Done;
         return Event::Done;
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     let event = unsafe {
         if walk.terminates_on_first_hit() {
             descend::run::<K, M, true>(walk, walker, entered, fuel, meter)

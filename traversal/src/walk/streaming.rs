@@ -54,8 +54,8 @@ impl Walker {
             return LaneMask::NONE;
         }
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise; a walker has this tier only on machines that have the
-        // instruction set.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, until they are
+        // traced; a walker has this tier only on machines that have the instruction set.
         return unsafe { self.add(rays, lanes, hits, group) };
         #[cfg(not(target_arch = "x86_64"))]
         {
@@ -77,7 +77,7 @@ impl Walker {
     /// As for [`Walk::new`], for every ray.
     pub(crate) unsafe fn trace_streams(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         unsafe {
             self.run_streams(fuel, caller);
         }

@@ -16,7 +16,7 @@ const MANY: u32 = 5;
 /// How far rays have come that walk together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Progress {
-    /// They do not go the same way, or meet what is not done together: nothing has happened.
+    /// The rays diverge, or reach a node that packets do not support: the walk has not started.
     Singly,
     /// All are at their ends; their hits are in the rows.
     Done,
@@ -55,7 +55,7 @@ pub(crate) struct Suspended {
     out_of_fuel: LaneMask,
     /// Of those, the ones that stay where they are when the others go on.
     held: LaneMask,
-    /// Of those, the ones that may have committed hits of which the rows know nothing.
+    /// Those of them that may have committed hits that are not in the rows yet.
     stale: LaneMask,
     /// Of those, the ones that are set up for boxes.
     pub(crate) slabs: Slabs,
@@ -271,7 +271,7 @@ impl Suspended {
         self.out_of_fuel -= lanes;
     }
 
-    /// Puts what rays that go one by one have committed so far into their hits.
+    /// Copies the commits so far of singly walked rays to their hits.
     pub(crate) fn update_hits(&mut self, hits: &mut HitRows) {
         for lane in self.candidates.found & self.stale {
             if let Some(hit) = self.walks[lane].committed() {
@@ -316,8 +316,8 @@ impl Suspended {
         self.stop_in_boxes(lane, event);
     }
 
-    /// As [`Self::note`], of a walk that has committed nothing by itself since the rows of hits
-    /// were last updated.
+    /// As [`Self::note`], for a walk without a new commit since the last update of the rows of
+    /// hits.
     pub(crate) fn stop_in_boxes(&mut self, lane: usize, event: Event) {
         if event == Event::OutOfFuel {
             self.out_of_fuel.insert(lane);
@@ -339,8 +339,7 @@ impl Suspended {
         }
     }
 
-    /// The walks that stopped, with what was decided about each; from here on they are on their way
-    /// again.
+    /// Takes the stopped walks with their decisions, and marks them as running.
     pub(crate) fn decided(&mut self) -> Decided {
         let decided = Decided {
             lanes: self.candidates.found - self.held,
@@ -365,8 +364,7 @@ impl Suspended {
         &mut self.walks[lane]
     }
 
-    /// The rays, the first of some and those that stand in the same instance as it, and what they
-    /// have in common.
+    /// The rays that are in the same instance as the first of some lanes, and their common data.
     pub(crate) fn in_same_instance(&self, lanes: LaneMask) -> (LaneMask, Common) {
         let common = |lane: usize| {
             let walk = &self.walks[lane];
@@ -400,7 +398,7 @@ impl Suspended {
         self.start_singles();
         let mut walk = Walk::OVER;
         for lane in lanes {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `Walk::new`.
             unsafe { self.split(lane, rays, hits, &mut walk) };
             self.keep(lane, &mut walk, Event::OutOfFuel);
         }
@@ -411,7 +409,7 @@ impl Suspended {
     /// # Safety
     /// As for [`Walk::new`].
     unsafe fn split(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`.
         unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
         walk.set_time(rays.time[lane]);
         let instance =

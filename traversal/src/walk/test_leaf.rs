@@ -11,7 +11,7 @@ use crate::layout::{Block, GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
 
-/// Looks at the one primitive of a leaf that is not of triangles; lowers `t_far` to what is found.
+/// Tests the one primitive of a leaf without triangles; lowers `t_far` to its hit.
 #[inline(never)]
 pub(crate) fn test_other(
     walk: &mut Walk,
@@ -72,7 +72,7 @@ pub(crate) unsafe fn finish<K: Kernel>(
         word,
         first_lane,
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     unsafe { K::test_leaf(&leaf, walk, &mut t_far) }
 }
 
@@ -83,7 +83,7 @@ impl Triangles<'_> {
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     pub unsafe fn test<K: Kernel>(&self, walk: &mut Walk, t_far: &mut f32) -> Leaf {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let ray = unsafe { K::load_shear(&self.level.space) };
         let index = self.word & child::INDEX;
         let structure = &self.level.structure;
@@ -102,7 +102,7 @@ impl Triangles<'_> {
             let Some(group) = group else {
                 return Leaf::Finished;
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let mut mask = unsafe { K::test_group(&ray, group, *t_far) };
             // A corrupt group may claim to have more lanes.
             mask &= 0xF & u32::MAX << self.first_lane.saturating_sub(4 * group_index);

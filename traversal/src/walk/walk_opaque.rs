@@ -10,8 +10,8 @@ use super::opaque::{End, Nearest, Opaque, Pending};
 use crate::layout::{LEAF_TRIANGLES, WIDTH, child};
 
 impl Opaque<'_> {
-    /// Goes on with what is pending, for triangles in the interval of `best`: that is the nearest
-    /// then.
+    /// Walks the pending nodes, for triangles in the interval of `best`, which is the nearest hit
+    /// at the end.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -39,7 +39,7 @@ impl Opaque<'_> {
                 stack.add(STACK - WIDTH),
             )
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let mut beam = unsafe { K::load_beam(self.beams, lane, nearest.t) };
         let mut limit = Entry::last_at(nearest.t);
         let end = 'next: loop {
@@ -72,7 +72,8 @@ impl Opaque<'_> {
                 if word >= node_count {
                     break;
                 }
-                // SAFETY: below the count, and the caller's promise.
+                // SAFETY: below the count; the caller guarantees that the machine has the kernel's
+                // instruction set.
                 let (node, (mask, near)) = unsafe {
                     let node = self.structure.node_at(word);
                     meter.visit_node(node);
@@ -92,14 +93,15 @@ impl Opaque<'_> {
                 if self.fetches_ahead {
                     fetch(mask, node, self.structure);
                 }
-                // SAFETY: there is room for all children; the caller's promise.
+                // SAFETY: there is room for all children; the caller guarantees that the machine
+                // has the kernel's instruction set.
                 unsafe {
                     let pushed;
                     (word, pushed) = K::push::<ANY>(near, mask, node, top);
                     top = top.add(pushed);
                 }
             }
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let groups = self
                 .structure
                 .leaf_groups(word, &mut room, |block, room| unsafe {
@@ -110,7 +112,7 @@ impl Opaque<'_> {
                 continue 'next;
             };
             meter.visit_triangles(lanes.count_ones());
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let mut mask = unsafe {
                 K::intersect_leaf(
                     self.beams,
@@ -142,7 +144,7 @@ impl Opaque<'_> {
                     break 'next End::Over;
                 }
                 limit = Entry::last_at(t);
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 unsafe { K::shorten(&mut beam, t) };
             }
         };

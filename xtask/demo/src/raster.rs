@@ -298,7 +298,7 @@ impl<'r, 'a> Drawing<'r, 'a> {
         self.change(commands, &self.color, before, attached);
         self.pass(commands, area, &self.color, None, || {
             let device = &self.rasterizer.context.device;
-            // SAFETY: as above.
+            // SAFETY: the command buffer is being recorded, in a pass.
             unsafe {
                 let point = vk::PipelineBindPoint::GRAPHICS;
                 device.cmd_bind_pipeline(commands, point, self.rasterizer.shading.handle);

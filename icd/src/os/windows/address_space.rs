@@ -195,7 +195,8 @@ impl Pieces {
         section: &Arc<Handle>,
         offset: u64,
     ) -> bool {
-        // SAFETY: the process's own placeholder, as the table says; the caller's promise.
+        // SAFETY: the process's own placeholder, as the table says; the caller guarantees that the
+        // section is large enough.
         let is_there = self.separate(start, start + size_bytes)
             && unsafe { functions.map(start, size_bytes, section.raw(), offset) };
         if is_there {

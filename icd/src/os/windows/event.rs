@@ -233,12 +233,12 @@ mod tests {
             Event::exportable(false, &sharing).err(),
             Some(Refused::Name)
         );
-        // SAFETY: as above.
+        // SAFETY: the name ends with a zero.
         let other = Event::from_handle(unsafe { named(name.as_ptr()) }.unwrap());
         other.signal();
         assert!(event.is_signaled());
         drop((event, other));
-        // SAFETY: as above.
+        // SAFETY: the name ends with a zero.
         assert!(unsafe { named(name.as_ptr()) }.is_none());
     }
 

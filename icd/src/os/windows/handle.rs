@@ -37,7 +37,8 @@ impl Handle {
     /// # Safety
     /// As for [`Self::created`], and no other system call comes in between.
     pub(super) unsafe fn new_object(raw: HANDLE) -> Option<Option<Self>> {
-        // SAFETY: a plain system call; and the caller's promise.
+        // SAFETY: a plain system call; the caller keeps the contract of `Self::created`, and no
+        // other system call comes in between.
         unsafe {
             let is_new = GetLastError() != ERROR_ALREADY_EXISTS;
             let handle = Self::created(raw)?;

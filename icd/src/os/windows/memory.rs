@@ -22,5 +22,5 @@ fn status() -> Option<MEMORYSTATUSEX> {
     (unsafe { GlobalMemoryStatusEx(&mut status) } != 0).then_some(status)
 }
 
-/// Returns freed memory to the system, which the system's heap does by itself.
+/// Does nothing: the system's heap returns freed memory to the system.
 pub fn trim_heap() {}

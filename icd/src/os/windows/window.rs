@@ -14,7 +14,7 @@ pub struct Window(HWND);
 
 // SAFETY: a window's name, which all threads may use; it is no pointer to memory.
 unsafe impl Send for Window {}
-// SAFETY: as above.
+// SAFETY: a window's name, which all threads may use; it is no pointer to memory.
 unsafe impl Sync for Window {}
 
 impl Window {

@@ -333,14 +333,14 @@ lanes::vectors! {
     }
 }
 
-/// The words of a texel; what lies behind its size is zero.
+/// The words of a texel; words past its size are zero.
 ///
 /// # Safety
 /// So many bytes can be read, at most 16.
 unsafe fn load(texel: *const u8, size_bytes: u8) -> [u32; 4] {
     let mut bytes = [0; MAX_NARROW_BYTES];
     let size = usize::from(size_bytes).min(MAX_NARROW_BYTES);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that so many bytes are readable, at most 16.
     unsafe { std::ptr::copy_nonoverlapping(texel, bytes.as_mut_ptr(), size) };
     let (words, _) = bytes.as_chunks();
     std::array::from_fn(|word| u32::from_le_bytes(words[word]))
@@ -356,7 +356,7 @@ unsafe fn load_all<const WORDS: usize>(
     words: &mut [[u32; SUBGROUP_SIZE]; 4],
 ) {
     for first in (0..SUBGROUP_SIZE).step_by(4) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that so many words of each are readable.
         let [a, b, c, d] = unsafe {
             [
                 load_texel::<WORDS>(texels[first]),
@@ -381,7 +381,7 @@ unsafe fn load_all<const WORDS: usize>(
 #[inline(always)]
 unsafe fn load_texel<const WORDS: usize>(texel: *const u8) -> [u32; 4] {
     let mut words = [0; 4];
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that so many bytes are readable.
     let loaded = unsafe { texel.cast::<[u32; WORDS]>().read_unaligned() };
     words[..WORDS].copy_from_slice(&loaded);
     words

@@ -20,7 +20,8 @@ pub struct Indices {
 // SAFETY: a place in memory that the application keeps, and does not write, for the time of the
 // draw.
 unsafe impl Send for Indices {}
-// SAFETY: as above.
+// SAFETY: a place in memory that the application keeps, and does not write, for the time of the
+// draw.
 unsafe impl Sync for Indices {}
 
 impl Indices {

@@ -162,7 +162,7 @@ impl TaskCursor {
         self.tasks.draw
     }
 
-    /// The next workgroups, so many at most, and their number; none at the end.
+    /// The next workgroups, at most `most`, and their number; none at the end.
     pub fn next(&mut self, most: u32) -> Option<(Workgroups, u32)> {
         let mut parts = Vec::new();
         let most = most.min(self.most);
@@ -229,7 +229,7 @@ fn word(memory: &[AlignedRow], offset: u32) -> u32 {
 }
 
 /// Runs a program for the workgroups of parts, some at a time. `fill` fills the memory of a
-/// workgroup of a part, and `collect` takes what it has left there.
+/// workgroup of a part, and `collect` takes its results from there.
 fn run(
     program: &Program,
     (runner, environment, limits): (&mut Runner, &Environment, &Limits),

@@ -19,8 +19,8 @@ pub struct Projection<'a> {
 lanes::vectors! {
     /// Puts the vertices of a subgroup on the screen, by their positions' rows.
     ///
-    /// The loop becomes vectors by itself; all of them compute the same bits, for nothing is fused
-    /// and nothing is reordered.
+    /// The compiler vectorizes the loop. All vector sizes compute the same bits, because no
+    /// operations are fused or reordered.
     pub fn project_lanes<V>(_v, screen: &Screen, volume: &Volume, rows: [&Row; 4], vertices: &mut [ScreenVertex; SUBGROUP_SIZE]) {
         let mut x = [0; SUBGROUP_SIZE];
         let mut y = [0; SUBGROUP_SIZE];

@@ -174,7 +174,7 @@ impl Over {
     }
 }
 
-/// Blends colours; all that comes in is clamped to the format's range, what goes out is not.
+/// Blends colours. Inputs are clamped to the format's range, results are not.
 #[inline(always)]
 pub fn blend<V: Vector>(
     v: V,

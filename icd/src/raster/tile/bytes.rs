@@ -21,12 +21,14 @@ fn regroup([first, second]: [u32; 2]) -> [u32; 2] {
 pub unsafe fn load_bytes<V: Vector>(v: V, target: &Target, places: &Places, sample: u32) -> V::I {
     let first = quad(target, places, 0, sample);
     if places.pattern == Pattern::Row {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the texels lie in the attachment, and no other thread
+        // writes there.
         return v.of_bytes(unsafe { first.cast::<[u64; 2]>().read_unaligned() });
     }
     let stride = target.surface.row_stride_bytes as usize;
     let row = |row: usize| first.wrapping_add(row * stride).cast::<u32>();
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the texels lie in the attachment, and no other thread
+    // writes there.
     let pairs = unsafe {
         [
             regroup([row(0).read_unaligned(), row(1).read_unaligned()]),
@@ -51,14 +53,16 @@ pub unsafe fn store_bytes<V: Vector>(
     let first = quad(target, places, 0, sample);
     let bytes = v.to_bytes(words);
     if places.pattern == Pattern::Row {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the texels lie in the attachment, and no other thread
+        // writes there.
         return unsafe { first.cast::<[u64; 2]>().write_unaligned(bytes) };
     }
     let stride = target.surface.row_stride_bytes as usize;
     for (pair, bytes) in bytes.into_iter().enumerate() {
         let [upper, lower] = regroup([bytes as u32, (bytes >> 32) as u32]);
         let row = first.wrapping_add(2 * pair * stride);
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the texels lie in the attachment, and no other thread
+        // writes there.
         unsafe {
             row.cast::<u32>().write_unaligned(upper);
             let below = row.wrapping_add(stride).cast::<u32>();

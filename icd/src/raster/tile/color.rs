@@ -461,7 +461,7 @@ impl Color {
         mask: u16,
     ) {
         let (source, alpha) = self.in_order(v, bytes, rows);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         unsafe {
             let texels = match bytes.over {
                 None => to_bytes(v, source),
@@ -488,8 +488,8 @@ impl Color {
         ))
     }
 
-    /// Writes colours of the only sample, if the attachment is one of bytes; else does nothing and
-    /// says so.
+    /// Writes colours of the only sample if the attachment has byte components. Returns false, and
+    /// writes nothing, for others.
     ///
     /// # Safety
     /// As [`load`].
@@ -506,7 +506,7 @@ impl Color {
         };
         let source = numbers(v, &self.with_alpha(v, source));
         let ordered = bytes.order(&source);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         unsafe {
             let texels = match bytes.over {
                 None => to_bytes(v, ordered),
@@ -534,7 +534,7 @@ impl Color {
         mask: u16,
     ) {
         let source = numbers(v, &self.rows(v, &self.source, rows));
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         unsafe {
             let old = load(v, &self.target, places, 0, mask);
             let blended = over.blend(v, &source, &numbers(v, &self.decode(v, &old)));
@@ -556,7 +556,7 @@ impl Color {
         mask: u16,
         words: &[V::I; 4],
     ) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         unsafe {
             if self.writes_all && self.logic_op.is_none() {
                 return store(v, &self.target, places, sample, mask, words);
@@ -593,7 +593,7 @@ impl Color {
                 merged[index] = v.xor_i(old[index], v.and_i(changed, written));
             }
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         unsafe { store(v, &self.target, places, sample, mask, &merged) };
     }
 }

@@ -1,7 +1,7 @@
 //! Depth bounds, stencil and depth tests of sixteen pixels (spec, "Fragment Operations").
 //!
-//! Depths are compared as the attachment holds them: what comes in is rounded to the format first.
-//! An integer of up to 24 bits is exact in an f32, so that all formats are compared as numbers.
+//! Depths are compared in the attachment's format: new depths are rounded to it first. An integer
+//! of up to 24 bits is exact in an f32, so that all formats are compared as numbers.
 
 use ash::vk::{CompareOp, StencilOp};
 use lanes::vector::{Task, Vector};
@@ -198,7 +198,7 @@ impl Plain<'_> {
     pub unsafe fn run<V: Vector>(self, v: V, places: &Places, new: V::F, mask: u16) -> u16 {
         let Plain(depth) = self;
         let none = v.splat_i(0);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`, for all sixteen.
         unsafe {
             let old = load(v, &depth.target, places, 0, mask)[0];
             let (codes, new) = depth.codes(v, new);
@@ -278,7 +278,7 @@ impl Tests {
         let Some(depth) = &self.depth else {
             return mask;
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         let words = unsafe { load(v, &depth.target, places, sample, mask) };
         let (_, new) = depth.codes(v, depths);
         mask & compare_depths(v, depth.compare, new, depth.numbers(v, words[0]))
@@ -303,7 +303,7 @@ impl Tests {
         let mut near = u16::MAX;
         let mut written = None;
         if let Some(depth) = &self.depth {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`, for both attachments.
             let words = unsafe { load(v, &depth.target, places, sample, mask) };
             let old = depth.numbers(v, words[0]);
             if let Some(bounds) = depth.bounds {
@@ -328,12 +328,12 @@ impl Tests {
                 mask,
                 near,
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`, for both attachments.
             passed = unsafe { v.apart(task) };
         }
         if let Some((depth, codes)) = written.filter(|_| passed != 0) {
             let words = [codes, none, none, none];
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`, for both attachments.
             unsafe { store(v, &depth.target, places, sample, passed, &words) };
         }
         passed
@@ -391,7 +391,7 @@ impl<V: Vector> Task<V> for StencilTest<'_> {
         let none = v.splat_i(0);
         let is_whole = matches!(places.pattern, Pattern::Row | Pattern::Block);
         let is_bytes = is_whole && stencil.target.surface.texel_size_bytes == 1;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`, for the stencil attachment.
         let old = unsafe {
             match is_bytes {
                 true => load_bytes(v, &stencil.target, places, sample),
@@ -427,7 +427,8 @@ impl<V: Vector> Task<V> for StencilTest<'_> {
             }
         }
         if mask & v.ne_i(new, old) != 0 {
-            // SAFETY: the caller's promise. Other lanes keep what was loaded.
+            // SAFETY: the caller keeps the contract of `load`, for the stencil attachment. Other
+            // lanes keep what was loaded.
             unsafe {
                 if is_bytes {
                     store_bytes(v, &stencil.target, places, sample, new);

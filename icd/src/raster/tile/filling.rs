@@ -11,7 +11,7 @@ use crate::raster::primitive::{PlaneEquation, Record};
 
 impl Inputs {
     /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`]; or some of
-    /// their lanes, without the rows of `held`, a bit each, that hold what they shall.
+    /// their lanes, without the rows of `held`, a bit each, which are filled already.
     #[inline(always)]
     pub fn fill_uniform<V: Vector>(
         &self,

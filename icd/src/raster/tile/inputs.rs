@@ -78,7 +78,7 @@ pub struct Inputs {
     pub(super) position: Position,
 }
 
-/// A row of outputs that nothing but the primitive and the pixel's centre decide.
+/// A row of outputs that only the primitive and the pixel's centre decide.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Slope {
     Constant(u32),
@@ -151,8 +151,7 @@ pub struct Steps {
     /// By row of inputs, of a varying: its value at the first vertex, and the differences of the
     /// others. Other rows hold anything.
     pub rows: SmallVec<[[f32; 3]; 16]>,
-    /// A bit each of the first rows: the varying is what it is at the first vertex everywhere, to
-    /// the bit.
+    /// A bit for each of the first rows: the varying has the bits of the first vertex everywhere.
     pub constant: u64,
 }
 

@@ -198,7 +198,7 @@ impl Output {
     ) {
         for color in &self.colors {
             if let Some(bytes) = &color.bytes {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `load`, for all attachments.
                 unsafe { color.put_bytes(v, bytes, rows, places, mask) };
             }
         }
@@ -219,12 +219,12 @@ impl Output {
     ) {
         for color in &self.colors {
             if let (Some(bytes), 1) = (&color.bytes, self.samples) {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `load`, for all attachments.
                 unsafe { color.put_bytes(v, bytes, rows, places, masks[0]) };
                 continue;
             }
             if let (Some(over), Some(_), 1) = (color.over, &color.blend, self.samples) {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `load`, for all attachments.
                 unsafe { color.lay_over(v, over, rows, places, masks[0]) };
                 continue;
             }
@@ -233,7 +233,7 @@ impl Output {
                 true => color.rows(v, &color.second, rows),
                 false => source,
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`, for all attachments.
             unsafe { self.write_color(v, color, &source, &second, places, masks) };
         }
     }
@@ -257,7 +257,7 @@ impl Output {
             let words = color.encode(v, source);
             for (sample, &mask) in masks.iter().enumerate().take(samples) {
                 if mask != 0 {
-                    // SAFETY: the caller's promise.
+                    // SAFETY: the caller keeps the contract of `load`.
                     unsafe { color.put(v, places, sample as u32, mask, &words) };
                 }
             }
@@ -269,7 +269,7 @@ impl Output {
                 continue;
             }
             let sample = sample as u32;
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`.
             let old = unsafe { load(v, &color.target, places, sample, mask) };
             let destination = numbers(v, &color.decode(v, &old));
             let (constants, range) = (&self.constants, color.range);
@@ -281,7 +281,7 @@ impl Output {
                 None => blend(v, state, constants, range, &source, &second, &destination),
             };
             let new = color.encode(v, &words(v, &blended));
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`.
             unsafe { color.put_over(v, places, sample, mask, &new, &old) };
         }
     }

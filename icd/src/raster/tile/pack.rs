@@ -199,8 +199,8 @@ impl Packs {
         (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(quad_place(place, quad)) != 0)
     }
 
-    /// Adds the fragments of a block. `joins`: to quads of other primitives, too; the block takes a
-    /// subgroup of its own from so many quads on.
+    /// Adds the fragments of a block. `joins`: to quads of other primitives, too; a block with at
+    /// least this many quads gets a separate subgroup.
     pub fn add(&mut self, found: &Found<'_>, joins: Option<u32>) {
         let Some(own) = joins else {
             return self.add_with(found, |_| ());

@@ -81,7 +81,7 @@ impl Gather {
                 }
             }
             let (tier, chunks, states) = (wave.tier, wave.chunks, &mut self.states);
-            // SAFETY: the caller's promise: the masks are those of blocks.
+            // SAFETY: the caller keeps the contract of `finish`; the masks are those of blocks.
             unsafe {
                 finish(
                     tier,

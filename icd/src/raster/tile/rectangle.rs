@@ -1,6 +1,6 @@
 //! Two triangles that make up an upright rectangle: the boxes of interfaces. Each pixel is of one
 //! of them, so that they can be worked off together, in cells that start where the rectangle does.
-//! The result is that of both, one after the other, to the bit.
+//! The result has the same bits as the two triangles drawn in sequence.
 
 #![forbid(unsafe_code)]
 

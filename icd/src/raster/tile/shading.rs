@@ -46,7 +46,8 @@ lanes::vectors! {
             let places = Places::block(place, record.layer.into(), area);
             if let (Some(plain), Pattern::Block) = (plain, places.pattern) {
                 let depths = depths(v, record, place, &IN_BLOCK, locations[0], range);
-                // SAFETY: the caller's promise; the block lies in the render area.
+                // SAFETY: the caller keeps the contract of this function; the block lies in the
+                // render area.
                 let passed = unsafe { plain.run(v, &places, depths, block.masks[0]) };
                 block.masks = masks_of(passed.into());
                 continue;
@@ -56,7 +57,9 @@ lanes::vectors! {
                     continue;
                 }
                 let depths = depths(v, record, place, &IN_BLOCK, locations[sample], range);
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that the pixels of the masks lie in the render area
+                // and with it in all attachments, as does the layer; the tile belongs to the
+                // caller.
                 *mask = unsafe {
                     if plan.order == Order::Early {
                         let tested = Tested {
@@ -94,7 +97,7 @@ lanes::vectors! {
             let place = [corner[0] + i32::from(block.x), corner[1] + i32::from(block.y)];
             let places = Places::block(place, record.layer.into(), area);
             let depths = depths(v, record, place, &IN_BLOCK, plan.locations[0], range);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `test_blocks`.
             block.lanes = unsafe { plain.run(v, &places, depths, block.lanes) };
         }
     }
@@ -199,7 +202,7 @@ lanes::vectors! {
             for (pack, state) in packs.iter().zip(runner.states()) {
                 let mask = pack.masks[0] & !program.helpers(state).bits();
                 if mask != 0 {
-                    // SAFETY: the caller's promise.
+                    // SAFETY: the caller keeps the contract of `test_blocks`.
                     unsafe { plan.output.write_bytes(v, &state[io..], &pack.places, mask) };
                 }
             }
@@ -221,7 +224,7 @@ lanes::vectors! {
                 continue;
             }
             if plan.order != Order::Early {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `test_blocks`.
                 unsafe {
                     let tested = any(&masks);
                     test_late(v, chunks, plan, rows, pack, &mut masks);
@@ -232,7 +235,7 @@ lanes::vectors! {
                 }
                 counts.samples += count(&masks);
             }
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `test_blocks`.
             unsafe { plan.output.write(v, rows, &pack.places, &masks) };
         }
     }
@@ -267,7 +270,7 @@ unsafe fn test_late<V: Vector>(
             depths: v.load(&depths_of_pack(plan, &fragments, sample, written)),
             references,
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `test_blocks`.
         *mask = unsafe { plan.tests.run(v, &tested, sample as u32, *mask) };
     }
 }
@@ -332,7 +335,7 @@ fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
     fragments
 }
 
-/// Depths of a subgroup's fragments at a sample: what the program wrote, or the planes' values.
+/// Depths of a subgroup's fragments at a sample: the program's output, or the planes' values.
 #[inline(always)]
 fn depths_of_pack(
     plan: &Plan<'_>,

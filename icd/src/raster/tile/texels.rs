@@ -283,7 +283,9 @@ pub unsafe fn load<V: Vector>(
     mask: u16,
 ) -> [V::I; 4] {
     let size = target.surface.texel_size_bytes;
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the pixels of the mask lie in the attachment, as do the
+    // layers and the sample; patterns other than `Pattern::Quads` lie there entirely. No other
+    // thread writes there.
     unsafe {
         if size == 4 {
             let words = load_word(v, target, places, sample, mask);
@@ -325,7 +327,7 @@ pub unsafe fn load_word<V: Vector>(
     mask: u16,
 ) -> V::I {
     let first = quad(target, places, 0, sample);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`.
     unsafe {
         match places.pattern {
             Pattern::Row => v.load_i(&first.cast::<Row>().read_unaligned()),
@@ -350,7 +352,7 @@ pub unsafe fn load_word<V: Vector>(
 /// As [`load`].
 #[inline(never)]
 unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) -> TexelWords {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`.
     unsafe {
         match target.surface.texel_size_bytes {
             1 => load_as::<u8>(target, places, sample, mask),
@@ -387,8 +389,8 @@ impl<V: Vector> Task<V> for Loading<'_> {
         } = self;
         let size = target.surface.texel_size_bytes;
         let none = v.splat_i(0);
-        // SAFETY: the caller's promise: all texels of quads are in the attachment, except for
-        // [`Pattern::Quads`].
+        // SAFETY: the caller keeps the contract of `load`; all texels of quads are in the
+        // attachment, except for [`Pattern::Quads`].
         unsafe {
             if let (Some(shifts), true) = (shifts(size), places.pattern != Pattern::Quads) {
                 let words = load_small(v, target, places, sample, size);
@@ -435,7 +437,7 @@ unsafe fn load_small<V: Vector>(
     size: usize,
 ) -> V::I {
     let (at, stride) = quads(target, places, sample);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`; not of `Pattern::Quads`.
     unsafe {
         if size == 1 {
             let mut words = [0; 4];
@@ -497,7 +499,7 @@ unsafe fn store_small<V: Vector>(
     let new = v.and_i(words[0], v.splat_i((1 << (8 * size)) - 1));
     let mut new = v.left_each(new, shifts);
     let (at, stride) = quads(target, places, sample);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`; not of `Pattern::Quads`.
     unsafe {
         if mask != u16::MAX {
             let old = load_small(v, target, places, sample, size);
@@ -556,7 +558,7 @@ pub unsafe fn store<V: Vector>(
     mask: u16,
     words: &[V::I; 4],
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`.
     unsafe {
         let size = target.surface.texel_size_bytes;
         if size == 8 && places.pattern == Pattern::Block {
@@ -604,7 +606,7 @@ pub unsafe fn store_word<V: Vector>(
     mask: u16,
     texels: V::I,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`.
     unsafe {
         if matches!(places.pattern, Pattern::Inside | Pattern::Quads) {
             return v.apart(Storing {
@@ -684,7 +686,7 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
         let size = self.target.surface.texel_size_bytes;
         let shifts = shifts(size).filter(|_| self.places.pattern != Pattern::Quads);
         if let Some(shifts) = shifts {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `load`.
             return unsafe { store_small(v, &self, size, shifts) };
         }
         let Self {
@@ -694,8 +696,8 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
             mask,
             words,
         } = self;
-        // SAFETY: the caller's promise: of quads that may be outside in part, texels of the mask's
-        // pixels are stored alone.
+        // SAFETY: the caller keeps the contract of `load`; of quads that may be outside in part,
+        // texels of the mask's pixels are stored alone.
         unsafe {
             if places.pattern == Pattern::Quads || !matches!(size, 4 | 8 | 16) {
                 return store_rows(target, places, sample, mask, &rows_of(v, &words));
@@ -715,7 +717,7 @@ impl<V: Vector> Task<V> for Storing<'_, V> {
 /// As [`load`].
 #[inline(never)]
 unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, words: &TexelWords) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `load`.
     unsafe {
         match target.surface.texel_size_bytes {
             1 => store_as::<u8>(target, places, sample, mask, words),
@@ -747,7 +749,8 @@ pub unsafe fn fill(
     let slice = target.first_layer + layer;
     let mut row = surface.texel(left as u32, top as u32, slice, sample);
     for _ in 0..size {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the square, the layer and the sample lie in the
+        // attachment, and no other thread writes there.
         unsafe {
             match surface.texel_size_bytes {
                 1 => fill_row::<u8>(row, size, words),
@@ -769,7 +772,7 @@ pub unsafe fn fill(
 unsafe fn fill_row<T: Texel>(row: *mut u8, count: i32, words: &[u32; 4]) {
     let texel = T::from_words(*words);
     for index in 0..count as usize {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that so many texels are writable.
         unsafe { row.cast::<T>().add(index).write_unaligned(texel) };
     }
 }

@@ -81,7 +81,8 @@ lanes::vectors! {
         counts.invocations += u64::from(of_blocks.sum::<u32>());
         let mut fragments = Fragments::new(covered, part);
         while let Some(some) = SampleBatch::of(&mut fragments) {
-            // SAFETY: the caller's promise: squares lie in the render area.
+            // SAFETY: the caller keeps the contract of this function; squares lie in the render
+            // area.
             unsafe { painter.paint(&primitive, some) };
         }
     }
@@ -113,7 +114,7 @@ lanes::vectors! {
         ];
         let painter = SampledPrimitives::new(v, kind, output, sampled, sampling);
         let cells = rectangle.cells(limit, parts[0].record.layer.into());
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             match primitives[0].is_like(&primitives[1]) {
                 true => painter.paint_same(&primitives[0], cells),
@@ -280,13 +281,13 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
             self.v.store(coordinates[0], &mut at[index][0]);
             self.v.store(coordinates[1], &mut at[index][1]);
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `draw`, for these places.
         let texels = unsafe { self.sample(&mut at, &some) };
         for index in 0..some.count {
             for color in &self.output.colors {
                 let texels = &texels[index];
                 let source = self.colors(&color.source, primitive, weights[index], texels);
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `draw`, for these places.
                 unsafe { color.put_colors(self.v, source, &some.places[index], some.masks[index]) };
             }
         }
@@ -318,7 +319,7 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
                 v.store(self.select(inside, of_first[1], of_second[1]), to_t);
                 (insides[index], weights[index]) = (inside, both);
             }
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `draw_rectangle`.
             let texels = unsafe { self.sample(&mut at, &some) };
             for index in 0..some.count {
                 let (inside, texels) = (insides[index], &texels[index]);
@@ -333,7 +334,7 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
                         v.select(inside, of_first[3], of_second[3]),
                     ];
                     let (places, mask) = (&some.places[index], some.masks[index]);
-                    // SAFETY: the caller's promise.
+                    // SAFETY: the caller keeps the contract of `draw_rectangle`.
                     unsafe { color.put_colors(v, source, places, mask) };
                 }
             }
@@ -354,14 +355,14 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
         v.store(coordinates[1], &mut at[0][1]);
         let mut texels = [[[0; 16]; 4]; TOGETHER];
         let one = [LaneMask::from_bits(1)];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `draw_rectangle`.
         unsafe { self.sampling.texels(self.kind, &mut at, &one, &mut texels) };
         let texels = texels[0].map(|row| [row[0]; 16]);
         let [color] = &self.output.colors[..] else {
             for (places, mask) in cells {
                 for color in &self.output.colors {
                     let source = self.colors(&color.source, primitive, none, &texels);
-                    // SAFETY: the caller's promise.
+                    // SAFETY: the caller keeps the contract of `draw_rectangle`.
                     unsafe { color.put_colors(v, source, &places, mask) };
                 }
             }
@@ -370,7 +371,7 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
         let source = self.colors(&color.source, primitive, none, &texels);
         let source_over = color.source_over(v, source);
         for (places, mask) in cells {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `draw_rectangle`.
             unsafe {
                 if let Some(source_over) = &source_over {
                     let old = load_word(v, &color.target, &places, 0, mask);
@@ -443,7 +444,7 @@ impl<'a, V: Vector> SampledPrimitives<'a, V> {
         }
         let mut texels = [[[0; 16]; 4]; TOGETHER];
         let active = &active[..some.count];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the sampled image exists.
         unsafe { self.sampling.texels(self.kind, at, active, &mut texels) };
         texels
     }

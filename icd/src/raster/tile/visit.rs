@@ -694,7 +694,7 @@ impl<'a> Visit<'a> {
             limits,
             counted,
         };
-        // SAFETY: as above.
+        // SAFETY: the packs come from blocks, whose pixels lie in the render area.
         unsafe { gather.finish(&wave, packs, runner, counts) }
     }
 }

@@ -267,7 +267,7 @@ fn settle(
     stand
 }
 
-/// Applies what the shader has decided about candidates; nonsense counts as nothing.
+/// Applies the shader's decisions about candidates; invalid ones are ignored.
 fn decide(flight: &mut Flight, object: &QueryRows<'_>, lanes: LaneMask) {
     let built_in = flight.candidates().built_in();
     let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;

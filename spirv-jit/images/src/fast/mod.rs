@@ -49,8 +49,8 @@ pub struct Fast<'a> {
     /// Texels are four bytes of 8 bits.
     bytes: bool,
     srgb: bool,
-    /// Four bytes, most of them wanted, all of them linear: they are sampled as they lie in memory,
-    /// without a look at what each is.
+    /// The format has four linear bytes, and most of them are wanted: they are sampled in memory
+    /// order, without a swizzle.
     straight: bool,
     /// One texel is taken, not four.
     is_nearest: bool,
@@ -253,7 +253,7 @@ impl Fast<'_> {
         mask: u16,
     ) -> Components<V> {
         let fast = self;
-        // SAFETY: as the caller promises.
+        // SAFETY: the caller guarantees that the image's memory stays allocated during the call.
         let components = unsafe {
             v.apart(Whole {
                 fast,

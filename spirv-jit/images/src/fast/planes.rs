@@ -127,7 +127,8 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
         }
         let first = levels_of(v, &fast.image.levels[0]);
         for subgroup in 0..wave.subgroups.len() {
-            // SAFETY: the caller's promise; levels are the image's, layers the view's.
+            // SAFETY: the caller keeps the contract of this function; levels are the image's,
+            // layers the view's.
             unsafe {
                 let mask = wave.mask(subgroup);
                 let s = v.load(wave.operand(subgroup, 0));
@@ -309,7 +310,7 @@ impl<V: Vector> OfLevels<'_, V> {
         places: [AxisCoordinate<V>; 3],
         mask: u16,
     ) -> Components<V> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Fast::blended`.
         unsafe {
             let near = of_level::<V, MODE, TEXELS>(fast, v, &self.near, self.layer, places, mask);
             let Some(far) = &self.far else {
@@ -338,7 +339,7 @@ unsafe fn levels_of_detail<V: Vector>(
     subgroup: usize,
     active: u16,
 ) -> (V::I, V::F, Option<Anisotropy<V>>) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `Wave::mask`.
     let footprint = unsafe {
         match fast.op.lod {
             LodMode::Grad if wave.derives => {
@@ -462,7 +463,7 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
         let [mode_s, mode_t] = modes::<MODE>(fast);
         let column = fast.nearest(v, mode_s, s, levels.width);
         let row = fast.nearest(v, mode_t, t, levels.height);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Fast::blended`.
         return unsafe {
             match TEXELS {
                 texels::NEAREST_IN_VOLUME => {
@@ -476,7 +477,7 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
         };
     }
     let axes = axes::<V, MODE>(fast, v, levels, places, mask);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of `Fast::blended`.
     unsafe {
         if TEXELS != texels::VOLUME {
             return fast.weighted(v, levels, layer, &axes, mask);
@@ -505,7 +506,7 @@ impl Fast<'_> {
         reference: V::F,
         mask: u16,
     ) -> V::F {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`.
         let words = unsafe { self.four_words(v, levels, layer, [x, y], mask) };
         let passed = [
             self.compare(v, v.bits_to_f(words[0]), reference),
@@ -554,7 +555,8 @@ impl Fast<'_> {
             [Repeat, Repeat] => mode::REPEAT,
             _ => mode::ANY,
         };
-        // SAFETY: as the caller promises; each is for the samples that it says.
+        // SAFETY: the caller keeps the contract of `Fast::blended`; each is for the samples that it
+        // says.
         unsafe {
             macro_rules! run {
                 ($levels:ident $texels:ident $mode:ident) => {

@@ -65,7 +65,7 @@ impl<V: Vector> Taps<V> {
     unsafe fn words<const COUNT: usize>(&self, v: V, tap: usize) -> [V::I; 4] {
         let mut words = [v.splat_i(0); 4];
         for index in 0..COUNT {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the words have been fetched.
             words[index] = unsafe { self.words[tap][index].assume_init() };
         }
         words
@@ -149,7 +149,8 @@ impl Fast<'_> {
         gathered: Option<usize>,
     ) -> Components<V> {
         let fast = self;
-        // SAFETY: the caller's promise; words are fetched before they are looked at.
+        // SAFETY: the caller guarantees that the image's memory stays allocated during the call;
+        // the taps were placed in it; words are fetched before they are looked at.
         unsafe {
             macro_rules! neighbours {
                 ($kind:ident) => {
@@ -230,7 +231,8 @@ impl<V: Vector, const KIND: u8, const LINES: usize> Task<V> for Neighbours<'_, '
         let Neighbours { fast, taps } = self;
         let base = fast.image.data.cast_const();
         let mut offsets = [v.splat_i(0); LINES];
-        // SAFETY: the caller's promise: lines have left texels in the image, and right neighbours.
+        // SAFETY: the caller keeps the contract of this function; lines have left texels in the
+        // image, and right neighbours.
         unsafe {
             for (line, at) in offsets.iter_mut().enumerate() {
                 *at = taps.offsets[2 * line].assume_init();
@@ -261,8 +263,8 @@ impl<V: Vector, const SIZE: usize> Task<V> for Fetch<'_, '_, V, SIZE> {
         let Fetch { fast, taps } = self;
         let base = fast.image.data.cast_const();
         let zero = v.splat_i(0);
-        // SAFETY: the caller's promise: offsets are of texels, and what is in pairs has a right
-        // neighbour.
+        // SAFETY: the caller keeps the contract of this function; offsets are of texels, and what
+        // is in pairs has a right neighbour.
         unsafe {
             if matches!(SIZE, 1 | 2 | 4 | 8 | 16) && taps.in_pairs {
                 for line in 0..taps.count / 2 {
@@ -329,7 +331,8 @@ impl<V: Vector> Taps<V> {
 #[inline(always)]
 unsafe fn odd<V: Vector>(v: V, base: *const u8, at: V::I, size_bytes: u8) -> [V::I; 4] {
     let mut words = [v.splat_i(0); 4];
-    // SAFETY: the caller's promise; each access lies inside the texel.
+    // SAFETY: the caller guarantees that the offsets are of such texels; each access lies inside
+    // the texel.
     unsafe {
         match size_bytes {
             3 => {
@@ -424,7 +427,8 @@ impl<V: Vector, const KIND: u8> Blend<'_, '_, V, KIND> {
             kind::WORDS => component,
             _ => field.word & 3,
         };
-        // SAFETY: the caller's promise: it is one of the words that a component stands in.
+        // SAFETY: the caller guarantees that the texels' words were fetched; it is one of the words
+        // that a component stands in.
         let word = unsafe { taps.words[tap][word].assume_init() };
         let mut number = match KIND {
             kind::WORDS => v.bits_to_f(word),
@@ -536,14 +540,16 @@ impl Fast<'_> {
         let (mut places, mut indices) = ([0; LANES], [0; LANES]);
         v.store_i(at, &mut places);
         if self.block_shift != 0 {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the offsets are of texels, and in compressed
+            // formats the indices in blocks are set.
             v.store_i(unsafe { index.assume_init() }, &mut indices);
         }
         let mut offsets = [0u64; LANES];
         for lane in 0..LANES {
             offsets[lane] = places[lane] as u64 | (indices[lane] as u64) << BLOCK_INDEX_SHIFT;
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the offsets are of texels, and in compressed formats
+        // the indices in blocks are set.
         let texels = unsafe { block::load(self.info, self.image.data, &offsets) };
         [
             v.load_i(&texels[0]),

@@ -55,7 +55,7 @@ impl Fast<'_> {
         mask: u16,
     ) -> Components<V> {
         let [x, y, _] = axes;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             if self.is_nearest && self.bytes {
                 let indices = [x.index[0], y.index[0]];
@@ -97,7 +97,8 @@ impl Fast<'_> {
         mask: u16,
     ) -> Components<V> {
         let info = self.info;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`: the indices are of texels of
+        // the levels.
         unsafe {
             if info.size_bytes == 4
                 && let Some(word) = self.nearest_word(v, levels, indices, mask)
@@ -138,7 +139,7 @@ impl Fast<'_> {
             at = v.add_i(at, z.offsets[0]);
         }
         let (info, data) = (self.info, self.image.data);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`.
         unsafe { v.apart(Load { info, data, at }) }
     }
 
@@ -164,7 +165,8 @@ impl Fast<'_> {
         indices: [V::I; 2],
         mask: u16,
     ) -> Components<V> {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`: the indices are of texels of
+        // the levels.
         let word = unsafe {
             match self.nearest_word(v, levels, indices, mask) {
                 Some(word) => word,
@@ -193,7 +195,7 @@ impl Fast<'_> {
         mask: u16,
     ) -> [V::I; 4] {
         let texel_bytes = v.splat_i(4);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`.
         unsafe {
             match self.window(v, [x, y], texel_bytes, levels, mask) {
                 Some(words) => words,
@@ -227,7 +229,8 @@ impl Fast<'_> {
         };
         let offset = v.add_i(levels.offset, layer);
         let rows = [v.add_i(offset, y.offsets[0]), v.add_i(offset, y.offsets[1])];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`; texels have no fewer than four
+        // bytes.
         unsafe {
             let base = base.add(4 * usize::from(word));
             [
@@ -290,7 +293,8 @@ impl Fast<'_> {
         let level = self.one_level(levels)?;
         let mut apart = v.ne_i(v.sub_i(x.offsets[1], x.offsets[0]), texel_bytes);
         apart |= v.ne_i(v.sub_i(y.offsets[1], y.offsets[0]), levels.row_stride);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`: the indices are of texels of
+        // the image.
         unsafe { self.window_of(v, level, [x.index[0], y.index[0]], apart, mask) }
     }
 
@@ -307,7 +311,8 @@ impl Fast<'_> {
         mask: u16,
     ) -> Option<V::I> {
         let level = self.one_level(levels)?;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Self::weighted`: the indices are of texels of
+        // the image.
         unsafe {
             if let Some(word) = self.square(v, indices, level, mask) {
                 return Some(word);
@@ -405,7 +410,8 @@ impl Fast<'_> {
             v.add_i(rows[0], x.offsets[0]),
             v.add_i(rows[1], x.offsets[0]),
         );
-        // SAFETY: the caller's promise; a texel's right neighbour is of the image too.
+        // SAFETY: the caller keeps the contract of `Self::weighted`: the offsets are of texels of
+        // the image; a texel's right neighbour is of the image too.
         unsafe {
             if v.ne_i(v.sub_i(x.offsets[1], x.offsets[0]), texel_bytes) == 0 {
                 let ((a, b), (c, d)) = (v.gather_pairs(data, upper), v.gather_pairs(data, lower));
@@ -512,7 +518,7 @@ impl<V: Vector> Task<V> for Load<'_, V::I> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         let words = unsafe { texels::load(v, self.info, self.data, self.at, Wanted::ALL) };
         [
             v.bits_to_f(words[0]),

@@ -1,5 +1,5 @@
-//! Samples of which there is more to say than what four texels weigh: of cubes, with borders and
-//! comparisons, at several places along a footprint, and gathers.
+//! Samples that need more than one bilinear footprint: of cubes, with borders and comparisons, at
+//! several places along a footprint, and gathers.
 
 use std::mem::MaybeUninit;
 
@@ -29,7 +29,7 @@ impl<V: Vector> Task<V> for Whole<'_, '_> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             match self.fast.op.kind {
                 ImageOpKind::Gather(_) => {
@@ -110,7 +110,8 @@ impl Fast<'_> {
             }
             let mut components = [v.splat(0.0); 4];
             for (i, level) in levels.into_iter().enumerate().take(1 + blends as usize) {
-                // SAFETY: the caller's promise; the levels are the image's.
+                // SAFETY: the caller keeps the contract of this function; the levels are the
+                // image's.
                 let of_level = unsafe {
                     let levels = self.levels(v, level, mask);
                     let axes = self.axes(v, &levels, place.coordinates, offsets, mask);
@@ -205,7 +206,7 @@ impl Fast<'_> {
         let mut taps = Taps::new(v);
         let axes = self.axes(v, &levels, place.coordinates, offsets, mask);
         self.put_taps(v, &levels, &place, &axes, &mut taps);
-        // SAFETY: the caller's promise; the level is the image's.
+        // SAFETY: the caller keeps the contract of `Fast::blended`; the level is the image's.
         unsafe { self.blended(v, &mut taps, reference, Some(component)) }
     }
 

@@ -49,7 +49,8 @@ pub(crate) unsafe fn gather<T: Copy + Default, O: Offset>(
 ) -> [T; 16] {
     let mut values = [T::default(); LANES];
     for lane in 0..LANES {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `base + offsets[lane]` is readable for the size of
+        // `T`, in every lane.
         values[lane] = unsafe {
             base.add(offsets[lane].bytes() + at)
                 .cast::<T>()
@@ -142,7 +143,8 @@ pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 
 unsafe fn load_generic<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 16]) -> Texels {
     let mut texels = [[0; LANES]; 4];
     for lane in 0..LANES {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `base + offsets[lane]` is readable for the format's
+        // size, in every lane.
         let bytes = unsafe {
             std::slice::from_raw_parts(base.add(offsets[lane].bytes()), info.size_bytes as usize)
         };
@@ -166,7 +168,8 @@ unsafe fn load_blocks<O: Offset>(
     let mut texels = [[0; LANES]; 4];
     for lane in 0..LANES {
         let (offset, index) = parts(offsets[lane].bytes() as u64);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that `base + offsets[lane]` is readable for the format's
+        // size, in every lane.
         let bits = unsafe {
             let block = base.add(offset);
             match info.size_bytes {

@@ -406,7 +406,7 @@ proptest! {
             let mut texels = unsafe { block::load(info, bytes.as_ptr(), &offsets) };
             block::finish(info, &mut texels);
             let mut stored = vec![0xcd; 16 * 32];
-            // SAFETY: as above.
+            // SAFETY: 16 texels of at most 32 bytes.
             unsafe { block::store(info, stored.as_mut_ptr(), &offsets, mask, &texels) };
             for lane in 0..16 {
                 let words = info.decode(&bytes[lane * size..][..size]);

@@ -68,7 +68,7 @@ impl Drop for Guarded {
         unsafe {
             libc::munmap(self.map.cast(), self.size);
         }
-        // SAFETY: as above.
+        // SAFETY: the mapping is this one's own.
         #[cfg(windows)]
         unsafe {
             use windows_sys::Win32::System::Memory::{MEM_RELEASE, VirtualFree};

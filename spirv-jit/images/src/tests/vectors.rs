@@ -44,7 +44,7 @@ lanes::vectors! {
     /// They are readable.
     unsafe fn texels_at<V>(v, info: &FormatInfo, base: *const u8, places: &[u32; 16]) -> Texels {
         let mut texels = [[0; 16]; 4];
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the texels are readable.
         let loaded = unsafe { texels::load(v, info, base, v.load_i(places), Wanted::ALL) };
         for (row, words) in texels.iter_mut().zip(loaded) {
             v.store_i(words, row);

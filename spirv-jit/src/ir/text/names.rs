@@ -138,7 +138,7 @@ pub fn vector_product_from_text(words: &[&str]) -> Option<VectorProduct> {
     })
 }
 
-/// A subgroup operation's name after `subgroup.` and what its brackets hold.
+/// A subgroup operation's name after `subgroup.`, and the text in its brackets.
 pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {
     match op {
         SubgroupOp::Elect => ("elect", String::new()),

@@ -345,7 +345,8 @@ impl Vector for Avx2 {
 
     #[inline(always)]
     unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
+        // readable at `at` and 1 to 3 strides behind it.
         unsafe {
             let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
             let fourth = at.add(3 * stride_bytes);
@@ -359,7 +360,8 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn store_quads(self, [upper, lower]: I, at: *mut u8, stride_bytes: usize) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
+        // writable at `at` and 1 to 3 strides behind it.
         unsafe {
             let upper = _mm256_permute4x64_epi64::<0b11_01_10_00>(upper);
             let lower = _mm256_permute4x64_epi64::<0b11_01_10_00>(lower);
@@ -371,7 +373,8 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at `at` and 1 to 3 strides behind it.
         unsafe {
             let [upper, lower] = quads_of_shorts(at, stride_bytes);
             [_mm256_cvtepu16_epi32(upper), _mm256_cvtepu16_epi32(lower)]
@@ -380,7 +383,8 @@ impl Vector for Avx2 {
     #[inline(always)]
     unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
         for half in 0..2 {
-            // SAFETY: the token, and the caller's promise.
+            // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+            // writable at `at` and 1 to 3 strides behind it.
             unsafe {
                 let words = _mm256_and_si256(a[half], _mm256_set1_epi32(0xffff));
                 let (first, second) = (
@@ -420,7 +424,8 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at each place and a stride behind it.
         unsafe {
             let [a, b, c, d] = [
                 quad_at(at[0], stride_bytes),
@@ -439,7 +444,8 @@ impl Vector for Avx2 {
         at: [*mut u8; 4],
         stride_bytes: usize,
     ) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that two texels are readable
+        // and writable at each place and a stride behind it.
         unsafe {
             let mut quarters = [[_mm_setzero_si128(); 4]; WORDS];
             for (quarters, words) in quarters.iter_mut().zip(words) {
@@ -450,7 +456,8 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are readable
+        // at `at` and 1 to 3 strides behind it.
         unsafe {
             let (a0, b0) = half_of_pairs(at, stride_bytes);
             let (a1, b1) = half_of_pairs(at.add(2 * stride_bytes), stride_bytes);
@@ -460,7 +467,8 @@ impl Vector for Avx2 {
     #[inline(always)]
     unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
         for half in 0..2 {
-            // SAFETY: the token, and the caller's promise.
+            // SAFETY: the token proves the features; the caller guarantees that 32 bytes are
+            // writable at `at` and 1 to 3 strides behind it.
             unsafe {
                 let upper = at.add(2 * half * stride_bytes);
                 let lower = upper.add(stride_bytes);
@@ -472,7 +480,8 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are readable
+        // at `at` and 1 to 4 strides behind it.
         unsafe {
             let texels = [
                 _mm256_loadu_si256(at.cast()),
@@ -493,7 +502,8 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     unsafe fn gather(self, base: *const u8, [a, b]: I) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that four bytes are readable
+        // at each.
         unsafe {
             [
                 _mm256_i32gather_epi32::<1>(base.cast(), a),
@@ -506,7 +516,8 @@ impl Vector for Avx2 {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
         let places = std::hint::black_box(&*places);
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that a scalar is readable at
+        // each.
         unsafe {
             let first = four_scalars::<T>(base, places, 0);
             let second = four_scalars::<T>(base, places, 4);
@@ -522,7 +533,8 @@ impl Vector for Avx2 {
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at each.
         let (low, high) = unsafe { (eight_pairs(base, places, 0), eight_pairs(base, places, 8)) };
         ([low.0, high.0], [low.1, high.1])
     }
@@ -530,7 +542,8 @@ impl Vector for Avx2 {
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
+        // readable at each.
         let (low, high) = unsafe { (eight_quads(base, places, 0), eight_quads(base, places, 8)) };
         [
             [low[0], high[0]],
@@ -547,7 +560,7 @@ impl Vector for Avx2 {
         offsets: [I; LINES],
         weights: [F; 3],
     ) -> [F; 4] {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe { blend_neighbours::<KIND, LINES>(base, offsets, weights) }
     }
 
@@ -556,11 +569,11 @@ impl Vector for Avx2 {
         #[inline(never)]
         #[target_feature(enable = "avx2,fma,f16c")]
         unsafe fn run<T: Task<Avx2>>(v: Avx2, task: T) -> T::Output {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the task is as its type requires.
             unsafe { task.run(v) }
         }
-        // SAFETY: the token says that the machine has the features; for the rest, the caller's
-        // promise.
+        // SAFETY: the token says that the machine has the features; the caller keeps the contract
+        // of `Task::run` of the task.
         unsafe { run(self, task) }
     }
 }
@@ -571,7 +584,7 @@ impl Vector for Avx2 {
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn eight_entries(low: __m256, high: __m256, index: __m256i) -> __m256 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let is_high = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
         let (low, high) = (
@@ -588,7 +601,7 @@ unsafe fn eight_entries(low: __m256, high: __m256, index: __m256i) -> __m256 {
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn parts([upper, lower]: I) -> [__m128i; 4] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         [
             _mm256_castsi256_si128(upper),
@@ -607,7 +620,8 @@ unsafe fn parts([upper, lower]: I) -> [__m128i; 4] {
 /// The machine has AVX2, and sixteen bytes are readable at each place.
 #[inline(always)]
 unsafe fn eight_quads(base: *const u8, places: &Row, first: usize) -> [__m256i; 4] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and sixteen bytes are readable at
+    // each place.
     unsafe {
         let a = with_fourth(base, places, first);
         let b = with_fourth(base, places, first + 1);
@@ -630,7 +644,8 @@ unsafe fn eight_quads(base: *const u8, places: &Row, first: usize) -> [__m256i; 
 /// As [`eight_quads`].
 #[inline(always)]
 unsafe fn with_fourth(base: *const u8, places: &Row, lane: usize) -> __m256i {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and sixteen bytes are readable at
+    // each place.
     unsafe {
         let first = _mm_loadu_si128(base.add(places[lane] as usize).cast());
         let second = _mm_loadu_si128(base.add(places[lane + 4] as usize).cast());
@@ -644,7 +659,7 @@ unsafe fn with_fourth(base: *const u8, places: &Row, lane: usize) -> __m256i {
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn lanes(mask: u16) -> I {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
         let low = _mm256_and_si256(_mm256_set1_epi32(mask as i32), bits);
@@ -662,7 +677,7 @@ unsafe fn lanes(mask: u16) -> I {
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn half_window(texels: &[__m256i; 5], columns: __m256i, rows: __m256i) -> [__m256i; 4] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let right = _mm256_add_epi32(columns, _mm256_set1_epi32(1));
         let is_in = [
@@ -683,7 +698,7 @@ unsafe fn half_window(texels: &[__m256i; 5], columns: __m256i, rows: __m256i) ->
 /// The machine has AVX2.
 #[inline(always)]
 unsafe fn two_rows(texels: &[__m256i; 5], columns: __m256i, is_in: &[__m256i; 3]) -> [__m256i; 2] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let mut upper = _mm256_permutevar8x32_epi32(texels[0], columns);
         let mut lower = _mm256_permutevar8x32_epi32(texels[1], columns);
@@ -707,7 +722,8 @@ pub(super) unsafe fn four_scalars<T: Copy + Into<u32>>(
     places: &Row,
     lane: usize,
 ) -> __m128i {
-    // SAFETY: the caller's promise; every x86-64 processor has SSE2.
+    // SAFETY: the caller guarantees that a scalar is readable at each place; every x86-64 processor
+    // has SSE2.
     unsafe {
         let word = |lane: usize| {
             let at = base.add(places[lane] as usize).cast::<T>();
@@ -724,7 +740,8 @@ pub(super) unsafe fn four_scalars<T: Copy + Into<u32>>(
 /// The machine has AVX2, and eight bytes are readable at each place.
 #[inline(always)]
 unsafe fn eight_pairs(base: *const u8, places: &Row, lane: usize) -> (__m256i, __m256i) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and eight bytes are readable at each
+    // place.
     unsafe {
         let load = |lane: usize| _mm_loadl_epi64(base.add(places[lane] as usize).cast());
         let pair = |lane: usize| _mm_unpacklo_epi64(load(lane), load(lane + 1));

@@ -141,7 +141,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
+        // readable at `at` and 1 to 3 strides behind it.
         unsafe {
             let second = _mm_loadu_si128(at.add(stride_bytes).cast());
             let third = _mm_loadu_si128(at.add(2 * stride_bytes).cast());
@@ -156,7 +157,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn store_quads(self, a: I, at: *mut u8, stride_bytes: usize) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
+        // writable at `at` and 1 to 3 strides behind it.
         unsafe {
             let rows = _mm512_permutex_epi64::<0b11_01_10_00>(a);
             let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
@@ -170,7 +172,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn load_quads_of_shorts(self, at: *const u8, stride_bytes: usize) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at `at` and 1 to 3 strides behind it.
         unsafe {
             let [upper, lower] = quads_of_shorts(at, stride_bytes);
             _mm512_cvtepu16_epi32(_mm256_set_m128i(lower, upper))
@@ -179,7 +182,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // writable at `at` and 1 to 3 strides behind it.
         unsafe {
             let shorts = _mm512_cvtepi32_epi16(a);
             let (upper, lower) = (
@@ -209,7 +213,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at each place and a stride behind it.
         unsafe {
             let rows = _mm512_castsi128_si512(quad_at(at[0], stride_bytes));
             let rows = _mm512_inserti32x4::<1>(rows, quad_at(at[1], stride_bytes));
@@ -226,7 +231,8 @@ impl Vector for Avx512 {
         at: [*mut u8; 4],
         stride_bytes: usize,
     ) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that two texels are readable
+        // and writable at each place and a stride behind it.
         unsafe {
             let mut quarters = [[_mm_setzero_si128(); 4]; WORDS];
             for (quarters, words) in quarters.iter_mut().zip(words) {
@@ -238,7 +244,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn load_quads_of_pairs(self, at: *const u8, stride_bytes: usize) -> (I, I) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are readable
+        // at `at` and 1 to 3 strides behind it.
         unsafe {
             let (a0, b0) = half_of_pairs(at, stride_bytes);
             let (a1, b1) = half_of_pairs(at.add(2 * stride_bytes), stride_bytes);
@@ -251,7 +258,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are writable
+        // at `at` and 1 to 3 strides behind it.
         unsafe {
             let (upper, lower) = (_mm512_unpacklo_epi32(a, b), _mm512_unpackhi_epi32(a, b));
             let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
@@ -265,7 +273,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are readable
+        // at `at` and 1 to 4 strides behind it.
         unsafe {
             let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
             let (fourth, fifth) = (at.add(3 * stride_bytes), at.add(4 * stride_bytes));
@@ -284,7 +293,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that four bytes are readable
+        // at each.
         unsafe { _mm512_i32gather_epi32::<1>(offsets, base.cast()) }
     }
 
@@ -293,7 +303,8 @@ impl Vector for Avx512 {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
         let places = std::hint::black_box(&*places);
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that a scalar is readable at
+        // each.
         unsafe {
             let first = four_scalars::<T>(base, places, 0);
             let second = four_scalars::<T>(base, places, 4);
@@ -307,7 +318,8 @@ impl Vector for Avx512 {
 
     #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at each.
         unsafe {
             match gathers_slowly() {
                 true => loaded_pairs(self, base, offsets),
@@ -319,7 +331,8 @@ impl Vector for Avx512 {
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
-        // SAFETY: the token, and the caller's promise.
+        // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
+        // readable at each.
         unsafe {
             let a = every_fourth(base, places, 0);
             let b = every_fourth(base, places, 1);
@@ -350,11 +363,11 @@ impl Vector for Avx512 {
         #[inline(never)]
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c")]
         unsafe fn run<T: Task<Avx512>>(v: Avx512, task: T) -> T::Output {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the task is as its type requires.
             unsafe { task.run(v) }
         }
-        // SAFETY: the token says that the machine has the features; for the rest, the caller's
-        // promise.
+        // SAFETY: the token says that the machine has the features; the caller keeps the contract
+        // of `Task::run` of the task.
         unsafe { run(self, task) }
     }
 }
@@ -405,7 +418,7 @@ fn permuted_bytes<const N: usize>(table: &ByteTable, words: [I; N]) -> [[F; 3]; 
 /// The machine has AVX-512, and the bytes are readable.
 #[inline(always)]
 unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX-512, and the bytes are readable.
     unsafe {
         let first = _mm512_castsi256_si512(_mm256_loadu_si256(first.cast()));
         _mm512_inserti64x4::<1>(first, _mm256_loadu_si256(second.cast()))
@@ -420,7 +433,8 @@ unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
 unsafe fn loaded_pairs(v: Avx512, base: *const u8, offsets: I) -> (I, I) {
     let places = &mut Line([0; 16]).0;
     v.store_i(offsets, places);
-    // SAFETY: the token, and the caller's promise.
+    // SAFETY: the token proves the features; the caller guarantees that eight bytes are readable at
+    // each offset.
     unsafe {
         let (first, second) = (four_pairs(base, places, 0), four_pairs(base, places, 2));
         let (first, second) = (_mm512_castsi512_ps(first), _mm512_castsi512_ps(second));
@@ -437,7 +451,8 @@ unsafe fn loaded_pairs(v: Avx512, base: *const u8, offsets: I) -> (I, I) {
 /// The machine has AVX-512, and eight bytes are readable at each offset.
 #[inline(always)]
 unsafe fn gathered_pairs(base: *const u8, offsets: I) -> (I, I) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX-512, and eight bytes are readable at
+    // each offset.
     unsafe {
         let low = _mm512_castsi512_si256(offsets);
         let high = _mm512_extracti64x4_epi64::<1>(offsets);
@@ -459,7 +474,8 @@ unsafe fn gathered_pairs(base: *const u8, offsets: I) -> (I, I) {
 /// The machine has AVX-512, and eight bytes are readable at each place.
 #[inline(always)]
 unsafe fn four_pairs(base: *const u8, places: &Row, lane: usize) -> I {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX-512, and eight bytes are readable at
+    // each place.
     unsafe {
         let load = |lane: usize| _mm_loadl_epi64(base.add(places[lane] as usize).cast());
         let pair = |lane: usize| _mm_unpacklo_epi64(load(lane), load(lane + 1));
@@ -475,7 +491,8 @@ unsafe fn four_pairs(base: *const u8, places: &Row, lane: usize) -> I {
 /// The machine has AVX-512, and sixteen bytes are readable at each place.
 #[inline(always)]
 unsafe fn every_fourth(base: *const u8, places: &Row, lane: usize) -> I {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX-512, and sixteen bytes are readable at
+    // each place.
     unsafe {
         let first = _mm_loadu_si128(base.add(places[lane] as usize).cast());
         let second = _mm_loadu_si128(base.add(places[lane + 4] as usize).cast());
@@ -493,7 +510,7 @@ unsafe fn every_fourth(base: *const u8, places: &Row, lane: usize) -> I {
 /// The machine has AVX-512.
 #[inline(always)]
 unsafe fn parts(a: I) -> [__m128i; 4] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX-512.
     unsafe {
         [
             _mm512_castsi512_si128(a),

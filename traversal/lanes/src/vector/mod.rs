@@ -51,16 +51,17 @@ macro_rules! vectors {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
             $($unsafe)? fn avx2($($arg: $ty),*) $(-> $ret)? {
-                // SAFETY: the function's features, and the caller's promise.
+                // SAFETY: the function's features; the caller keeps the contract of this function.
                 unsafe { body(<vector::Avx2 as vector::Vector>::new(), $($arg),*) }
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
             $($unsafe)? fn avx512($($arg: $ty),*) $(-> $ret)? {
-                // SAFETY: as above.
+                // SAFETY: the function's features; the caller keeps the contract of this function.
                 unsafe { body(<vector::Avx512 as vector::Vector>::new(), $($arg),*) }
             }
-            // SAFETY: a tier is one that the machine has (`Tier::best`); and the caller's promise.
+            // SAFETY: a tier is one that the machine has (`Tier::best`); the caller keeps the
+            // contract of this function.
             unsafe {
                 match tier {
                     #[cfg(target_arch = "x86_64")]
@@ -245,8 +246,8 @@ pub trait Vector: Copy {
     /// Eight bytes are readable at each place and a stride behind it.
     unsafe fn load_each_quad(self, at: [*const u8; 4], stride_bytes: usize) -> Self::I;
 
-    /// Stores texels of one, two or four words of the mask's lanes to four quads, and what is there
-    /// already in the places of other lanes: without branches, which would be foretold wrong.
+    /// Stores texels of one, two or four words of the mask's lanes to four quads, and rewrites the
+    /// old texels of other lanes. It is branch-free: the branches would mispredict.
     ///
     /// # Safety
     /// Two texels are readable and writable at each place and a stride behind it.
@@ -335,7 +336,8 @@ pub trait Vector: Copy {
         for (component, number) in blended.iter_mut().enumerate() {
             let mut lines = [self.splat(0.0); LINES];
             for (line, at) in lines.iter_mut().zip(offsets) {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that both texels of each line are readable in every
+                // lane.
                 let (left, right) = unsafe {
                     (
                         component_at::<Self, KIND>(self, base, at, component),
@@ -426,7 +428,7 @@ unsafe fn component_at<V: Vector, const KIND: u8>(
     offsets: V::I,
     component: usize,
 ) -> V::F {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the texels are readable.
     unsafe {
         match KIND {
             FourOf::BYTES => v.to_f(v.gather_scalars::<u8>(base.add(component), offsets)),

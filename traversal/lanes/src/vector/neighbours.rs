@@ -18,7 +18,8 @@ pub(super) unsafe fn blend_neighbours<const KIND: u8, const LINES: usize>(
     weights: [[__m256; 2]; 3],
 ) -> [[__m256; 2]; 4] {
     let mut places = [const { Line([0; 16]) }; LINES];
-    // SAFETY: the caller's promise; a row is two registers long.
+    // SAFETY: the caller guarantees that the machine has AVX2 and F16C, and keeps the contract of
+    // the trait's function; a row is two registers long.
     unsafe {
         for (line, [low, high]) in places.iter_mut().zip(offsets) {
             let at = line.0.as_mut_ptr();
@@ -48,7 +49,8 @@ unsafe fn eight_lanes<const KIND: u8, const LINES: usize>(
     first: usize,
     weights: [__m256; 3],
 ) -> [__m256; 4] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2 and F16C, and keeps the contract of
+    // the trait's function.
     unsafe {
         let a = two_lanes::<KIND, LINES, 0b00_00_00_00>(base, places, first, weights);
         let b = two_lanes::<KIND, LINES, 0b01_01_01_01>(base, places, first + 1, weights);
@@ -77,7 +79,8 @@ unsafe fn two_lanes<const KIND: u8, const LINES: usize, const SPREAD: i32>(
     lane: usize,
     weights: [__m256; 3],
 ) -> __m256 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2 and F16C, and keeps the contract of
+    // the trait's function.
     unsafe {
         let x = _mm256_permute_ps::<SPREAD>(weights[0]);
         let mut lines = [x; LINES];
@@ -104,7 +107,8 @@ unsafe fn two_lanes<const KIND: u8, const LINES: usize, const SPREAD: i32>(
 /// As [`blend_neighbours`].
 #[inline(always)]
 unsafe fn two_texels<const KIND: u8>(at: *const u8) -> __m256 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2 and F16C, and keeps the contract of
+    // the trait's function.
     unsafe {
         match KIND {
             FourOf::BYTES => _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64(at.cast()))),
@@ -121,6 +125,6 @@ unsafe fn two_texels<const KIND: u8>(at: *const u8) -> __m256 {
 /// The machine has AVX.
 #[inline(always)]
 unsafe fn lerp(a: __m256, b: __m256, weight: __m256) -> __m256 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX.
     unsafe { _mm256_add_ps(a, _mm256_mul_ps(weight, _mm256_sub_ps(b, a))) }
 }

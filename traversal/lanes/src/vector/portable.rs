@@ -281,7 +281,8 @@ impl Vector for Portable {
     unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
         let mut out = [0; LANES];
         for row in 0..4 {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that sixteen bytes are readable at `at` and 1 to 3
+            // strides behind it.
             let words = unsafe {
                 let row = at.add(row * stride_bytes);
                 row.cast::<[i32; 4]>().read_unaligned()
@@ -296,7 +297,8 @@ impl Vector for Portable {
         for row in 0..4 {
             let first = 8 * (row / 2) + 2 * (row % 2);
             let words = [a[first], a[first + 1], a[first + 4], a[first + 5]];
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that sixteen bytes are writable at `at` and 1 to 3
+            // strides behind it.
             unsafe {
                 let row = at.add(row * stride_bytes);
                 row.cast::<[i32; 4]>().write_unaligned(words);
@@ -308,7 +310,8 @@ impl Vector for Portable {
         let mut out = [0; LANES];
         for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that eight bytes are readable at `at` and 1 to 3
+            // strides behind it.
             let short = unsafe {
                 let row = at.add(row * stride_bytes).cast::<u16>();
                 row.add(column).read_unaligned()
@@ -321,7 +324,8 @@ impl Vector for Portable {
     unsafe fn store_quads_of_shorts(self, a: I, at: *mut u8, stride_bytes: usize) {
         for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that eight bytes are writable at `at` and 1 to 3
+            // strides behind it.
             unsafe {
                 let row = at.add(row * stride_bytes).cast::<u16>();
                 row.add(column).write_unaligned(a[lane] as u16);
@@ -349,7 +353,8 @@ impl Vector for Portable {
         let mut out = [0; LANES];
         for lane in 0..LANES {
             let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that eight bytes are readable at each place and a
+            // stride behind it.
             out[lane] = unsafe { row.cast::<i32>().add(lane % 2).read_unaligned() };
         }
         out
@@ -369,7 +374,8 @@ impl Vector for Portable {
             let row = at[lane / 4].wrapping_add(lane / 2 % 2 * stride_bytes);
             for (index, word) in words.iter().enumerate() {
                 let place = lane % 2 * WORDS + index;
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that two texels are readable and writable at each
+                // place and a stride behind it.
                 unsafe { row.cast::<i32>().add(place).write_unaligned(word[lane]) };
             }
         }
@@ -379,7 +385,8 @@ impl Vector for Portable {
         let (mut a, mut b) = ([0; LANES], [0; LANES]);
         for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that 32 bytes are readable at `at` and 1 to 3 strides
+            // behind it.
             let pair = unsafe {
                 let row = at.add(row * stride_bytes).cast::<[i32; 2]>();
                 row.add(column).read_unaligned()
@@ -392,7 +399,8 @@ impl Vector for Portable {
     unsafe fn store_quads_of_pairs(self, a: I, b: I, at: *mut u8, stride_bytes: usize) {
         for lane in 0..LANES {
             let (column, row) = (QUADS[0][lane] as usize, QUADS[1][lane] as usize);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that 32 bytes are writable at `at` and 1 to 3 strides
+            // behind it.
             unsafe {
                 let row = at.add(row * stride_bytes).cast::<[i32; 2]>();
                 row.add(column).write_unaligned([a[lane], b[lane]]);
@@ -406,7 +414,8 @@ impl Vector for Portable {
             let (column, row) = (columns[lane] as usize, rows[lane] as usize);
             for (index, words) in words.iter_mut().enumerate() {
                 let skip = (row + index / 2) * stride_bytes + 4 * (column + index % 2);
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller guarantees that 32 bytes are readable at `at` and 1 to 4
+                // strides behind it.
                 words[lane] = unsafe { at.add(skip).cast::<i32>().read_unaligned() };
             }
         }
@@ -414,7 +423,7 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that four bytes are readable at each.
         map(&offsets, |offset| unsafe {
             let at = base.add(offset as u32 as usize);
             at.cast::<i32>().read_unaligned()
@@ -422,7 +431,7 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that a scalar is readable at each.
         map(&offsets, |offset| unsafe {
             let at = base.add(offset as u32 as usize);
             at.cast::<T>().read_unaligned().into() as i32
@@ -430,7 +439,7 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that eight bytes are readable at each.
         unsafe {
             (
                 self.gather(base, offsets),
@@ -440,7 +449,7 @@ impl Vector for Portable {
     }
     #[inline(always)]
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that sixteen bytes are readable at each.
         unsafe {
             [
                 self.gather(base, offsets),
@@ -453,7 +462,7 @@ impl Vector for Portable {
 
     #[inline(never)]
     unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Task::run` of the task.
         unsafe { task.run(self) }
     }
 }

@@ -8,7 +8,8 @@ use std::arch::x86_64::*;
 /// The machine has AVX2, and eight bytes are readable at `at` and 1 to 3 strides behind it.
 #[inline(always)]
 pub(super) unsafe fn quads_of_shorts(at: *const u8, stride_bytes: usize) -> [__m128i; 2] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and eight bytes are readable at `at`
+    // and 1 to 3 strides behind it.
     unsafe {
         let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
         let fourth = at.add(3 * stride_bytes);
@@ -28,7 +29,8 @@ pub(super) unsafe fn quads_of_shorts(at: *const u8, stride_bytes: usize) -> [__m
 /// The machine has AVX2, and eight bytes are writable at `at` and a stride behind it.
 #[inline(always)]
 pub(super) unsafe fn put_quads_of_shorts(quads: __m128i, at: *mut u8, stride_bytes: usize) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and eight bytes are writable at `at`
+    // and a stride behind it.
     unsafe {
         let rows = _mm_shuffle_epi32::<0b11_01_10_00>(quads);
         _mm_storel_epi64(at.cast(), rows);
@@ -42,7 +44,8 @@ pub(super) unsafe fn put_quads_of_shorts(quads: __m128i, at: *mut u8, stride_byt
 /// The machine has AVX2, and eight bytes are readable at `at` and a stride behind it.
 #[inline(always)]
 pub(super) unsafe fn quad_at(at: *const u8, stride_bytes: usize) -> __m128i {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and eight bytes are readable at `at`
+    // and a stride behind it.
     unsafe {
         let lower = _mm_loadl_epi64(at.add(stride_bytes).cast());
         _mm_unpacklo_epi64(_mm_loadl_epi64(at.cast()), lower)
@@ -68,7 +71,8 @@ static LANES: [[u32; 4]; 16] = {
 /// The machine has AVX2, and eight bytes are writable at `at` and a stride behind it.
 #[inline(always)]
 unsafe fn put_quad(words: __m128i, lanes: u16, at: *mut u8, stride_bytes: usize) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and eight bytes are writable at `at`
+    // and a stride behind it.
     unsafe {
         let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
         let new = _mm_blendv_epi8(quad_at(at, stride_bytes), words, lanes);
@@ -83,7 +87,8 @@ unsafe fn put_quad(words: __m128i, lanes: u16, at: *mut u8, stride_bytes: usize)
 /// The machine has AVX2, and sixteen bytes are writable at `at` and a stride behind it.
 #[inline(always)]
 unsafe fn put_quad_of_pairs([a, b]: [__m128i; 2], lanes: u16, at: *mut u8, stride_bytes: usize) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and sixteen bytes are writable at
+    // `at` and a stride behind it.
     unsafe {
         let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
         let (first, second) = (at.cast(), at.add(stride_bytes).cast());
@@ -113,7 +118,8 @@ unsafe fn put_quad_of_fours(
     at: *mut u8,
     stride_bytes: usize,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and 32 bytes are writable at `at`
+    // and a stride behind it.
     unsafe {
         let lanes = _mm_loadu_si128(LANES[usize::from(lanes & 0xf)].as_ptr().cast());
         let (first, second) = (at.cast::<__m256i>(), at.add(stride_bytes).cast::<__m256i>());
@@ -151,7 +157,7 @@ pub(super) unsafe fn put_quads<const WORDS: usize>(
 ) {
     for quad in 0..4 {
         let (lanes, at) = (mask >> (4 * quad), at[quad]);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of this function.
         unsafe {
             match &words[..] {
                 [a] => put_quad(a[quad], lanes, at, stride_bytes),
@@ -172,7 +178,8 @@ pub(super) unsafe fn put_quads<const WORDS: usize>(
 /// The machine has AVX2, and 32 bytes are readable at `at` and a stride behind it.
 #[inline(always)]
 pub(super) unsafe fn half_of_pairs(at: *const u8, stride_bytes: usize) -> (__m256i, __m256i) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has AVX2, and 32 bytes are readable at `at`
+    // and a stride behind it.
     unsafe {
         let upper = _mm256_loadu_ps(at.cast());
         let lower = _mm256_loadu_ps(at.add(stride_bytes).cast());

@@ -34,7 +34,8 @@ pub(super) enum Way {
 }
 
 impl Packet<'_> {
-    /// Goes on, in an instance first if one is given, then with what is pending in the top level.
+    /// Continues, first in the given instance, if any, then with the pending nodes of the top
+    /// level.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -53,26 +54,29 @@ impl Packet<'_> {
                 None if only.is_some() => break,
                 None => {
                     let PacketSpace { top, ways, .. } = &mut walker.packet;
-                    // SAFETY: the caller's promise, here and below.
+                    // SAFETY: the caller guarantees that the machine has the kernel's instruction
+                    // set.
                     match unsafe { K::next_leaf(self, ways, &structure, top) } {
                         Some((word, lanes, _)) => (word & child::INDEX, lanes),
                         None => break,
                     }
                 }
             };
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             match unsafe { self.enter::<K>(walker, index, lanes, false) } {
                 Entering::Nothing => {}
                 Entering::Inside(way) => {
                     let instance = (index, lanes);
                     let suspended_leaf = SuspendedLeaf::EMPTY;
-                    // SAFETY: as above.
+                    // SAFETY: the caller guarantees that the machine has the kernel's instruction
+                    // set.
                     if unsafe { self.walk_instance::<K>(walker, way, instance, suspended_leaf) } {
                         self.open(hits);
                         return Progress::Candidates;
                     }
                     if self.patience == 0 && self.has_asked {
-                        // SAFETY: as above.
+                        // SAFETY: the caller guarantees that the machine has the kernel's
+                        // instruction set.
                         return unsafe { self.split::<K>(walker, hits, instance) };
                     }
                 }
@@ -84,7 +88,8 @@ impl Packet<'_> {
                 _ if !self.has_asked => return Progress::Singly,
                 _ => {
                     walker.packet.bottom.start(lanes);
-                    // SAFETY: as above.
+                    // SAFETY: the caller guarantees that the machine has the kernel's instruction
+                    // set.
                     return unsafe { self.split::<K>(walker, hits, (index, lanes)) };
                 }
             }
@@ -92,11 +97,11 @@ impl Packet<'_> {
         match self.patience {
             0 if self.has_asked => {
                 walker.packet.bottom.start(LaneMask::NONE);
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 unsafe { self.split::<K>(walker, hits, (0, LaneMask::NONE)) }
             }
             0 => Progress::Singly,
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             _ => unsafe { K::finish(self, hits, &walker.top) },
         }
     }
@@ -139,7 +144,7 @@ impl Packet<'_> {
             Kind::Aabbs if asks => Way::Boxes,
             _ => return Entering::Unusual,
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         if !unsafe { K::set_up_instance(rays, &self.world_rays, &record, lanes) } {
             return Entering::Singly;
         }
@@ -167,7 +172,7 @@ impl Packet<'_> {
         let structure = walker.bottom.structure;
         let facts = walker.instance;
         loop {
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let stands = way == Way::Mixed
                 && unsafe { self.stands::<K>(walker, &facts, instance, &mut suspended_leaf) };
             if stands {
@@ -179,18 +184,19 @@ impl Packet<'_> {
                 ..
             } = &mut *walker;
             let PacketSpace { bottom, rays, .. } = packet;
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let next = unsafe { K::next_leaf(self, rays, &structure, bottom) };
             let Some((word, here, t_far)) = next else {
                 return false;
             };
             let (leaf, found) = ((word, here), &mut self.found);
             match way {
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 Way::Opaque => unsafe { K::test_leaf(rays, &structure, leaf, t_far, found) },
                 Way::Mixed => {
                     suspended_leaf =
-                        // SAFETY: as above.
+                        // SAFETY: the caller guarantees that the machine has the kernel's
+                        // instruction set.
                         unsafe { K::test_some(rays, level, &facts, leaf, t_far, found) };
                     if self.suspended.is_none() && !suspended_leaf.is_over() {
                         // A geometry without a micromap: the attempt ends.
@@ -223,7 +229,7 @@ impl Packet<'_> {
             return false;
         };
         let (rays, candidates) = (&walker.packet.rays, &mut suspended.candidates);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe {
             K::next_candidates(
                 rays,
@@ -295,7 +301,8 @@ impl Packet<'_> {
         walker.packet.bottom.save(live, &mut suspended.bottom);
     }
 
-    /// Each ray goes by itself from here on: in an instance first, with what is pending there.
+    /// Walks each ray alone from this point: first its pending nodes in an instance, if it is in
+    /// one.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -307,7 +314,7 @@ impl Packet<'_> {
         (index, lanes): (u32, LaneMask),
     ) -> Progress {
         self.keep(walker, (index, lanes & self.live()));
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe { K::finish(self, hits, &walker.top) };
         Progress::Split(self.live())
     }

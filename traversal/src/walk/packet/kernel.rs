@@ -26,44 +26,44 @@ pub(super) trait PacketKernel: Sized {
     /// Loads a row.
     ///
     /// # Safety
-    /// The machine has the instruction set, here and below.
+    /// The machine has the instruction set.
     unsafe fn load(row: &Lanes) -> Self::Row;
 
     /// The least number of some lanes.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32;
 
     /// The greatest number of some lanes.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32;
 
     /// Lanes whose number is not less.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn at_least(row: Self::Row, number: f32) -> LaneMask;
 
     /// Lanes with this word.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn equal(row: &Words, word: u32) -> LaneMask;
 
     /// Lanes whose inverse is not that of a direction along a plane: below
     /// [`STEEP`](super::rays::STEEP).
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn flat(inverses: &Lanes) -> LaneMask;
 
     /// Which children's boxes any of the rays might meet, and where at the soonest.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn test_interval(
         rays: &Rays,
         node: NodeAt<'_>,
@@ -74,19 +74,19 @@ pub(super) trait PacketKernel: Sized {
     /// Which triangles' boxes any of the rays might meet, of two groups (or one twice).
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32;
 
     /// Which rays meet a child's box before `t_far`.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Self::Row) -> LaneMask;
 
     /// Tests the opaque triangles of a leaf, a word and the rays that come there.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn test_leaf(
         rays: &Rays,
         structure: &Structure,
@@ -99,7 +99,7 @@ pub(super) trait PacketKernel: Sized {
     /// notes at which others rays have to look.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn test_some(
         rays: &mut Rays,
         level: &Level,
@@ -112,7 +112,7 @@ pub(super) trait PacketKernel: Sized {
     /// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn next_candidates(
         rays: &Rays,
         structure: &Structure,
@@ -126,7 +126,7 @@ pub(super) trait PacketKernel: Sized {
     /// [`Packet::next_leaf`].
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn next_leaf(
         packet: &mut Packet<'_>,
         rays: &Rays,
@@ -137,13 +137,13 @@ pub(super) trait PacketKernel: Sized {
     /// [`Packet::finish`].
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn finish(packet: &Packet<'_>, hits: &mut HitRows, top: &Level) -> Progress;
 
     /// [`Rays::set_up_top`].
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn set_up_top(
         rays: &mut Rays,
         world_rays: &WorldRays,
@@ -154,7 +154,7 @@ pub(super) trait PacketKernel: Sized {
     /// [`Rays::set_up_instance`].
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn set_up_instance(
         rays: &mut Rays,
         world_rays: &WorldRays,
@@ -177,7 +177,7 @@ pub(super) trait PacketKernel: Sized {
     /// [`super::resume_packet`].
     ///
     /// # Safety
-    /// As above.
+    /// The machine has the instruction set.
     unsafe fn resume_packet(
         rays: &RayRows,
         hits: &mut HitRows,
@@ -198,13 +198,13 @@ macro_rules! compiled {
             structure: &Structure,
             stack: &mut Stack,
         ) -> Option<(u32, LaneMask, f32)> {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { packet.next_leaf::<$kernel>(rays, structure, stack) }
         }
 
         $(#[$feature])?
         unsafe fn finish(packet: &Packet<'_>, hits: &mut HitRows, top: &Level) -> Progress {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { packet.finish::<$kernel>(hits, top) }
         }
 
@@ -215,7 +215,7 @@ macro_rules! compiled {
             origin_error: f32,
             lanes: LaneMask,
         ) -> bool {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { rays.set_up_top::<$kernel>(world_rays, origin_error, lanes) }
         }
 
@@ -226,7 +226,7 @@ macro_rules! compiled {
             record: &InstanceRecord,
             lanes: LaneMask,
         ) -> bool {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { rays.set_up_instance::<$kernel>(world_rays, record, lanes) }
         }
 
@@ -238,7 +238,7 @@ macro_rules! compiled {
             walker: &mut Walker,
             suspended: Option<&mut Suspended>,
         ) -> Progress {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { crate::walk::packet::trace_packet::<$kernel>(rays, lanes, hits, walker, suspended) }
         }
 
@@ -249,7 +249,7 @@ macro_rules! compiled {
             walker: &mut Walker,
             suspended: &mut Suspended,
         ) -> Progress {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { crate::walk::packet::resume_packet::<$kernel>(rays, hits, walker, suspended) }
         }
     )*};

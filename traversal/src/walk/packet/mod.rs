@@ -1,12 +1,12 @@
-//! Sixteen rays at once, where they go the same way: what rays of one picture tile do.
+//! Sixteen rays at once, while they visit the same nodes, as rays of one picture tile do.
 //!
-//! Each lane computes what a walk by itself would, with the same operations in the same order, and
-//! the hit does not depend on the order of the walk: so the hits are the same bits. (A ray that
-//! ends with its first hit may find another one first.) A first test of all eight children, against
-//! the interval of all rays, leaves one or two of them for the test of each ray.
+//! Each lane performs the operations of a single walk in the same order, and the hit does not
+//! depend on the order of nodes, so the hits have the same bits. (A ray that ends with its first
+//! hit may find another one first.) A first test of all eight children, against the interval of all
+//! rays, leaves one or two of them for the test of each ray.
 //!
-//! In an instance where rays no longer go the same way, each goes by itself. Anything unusual ends
-//! the attempt, and every walk starts anew. Where a [`Suspended`] keeps them, packets stop for
+//! In an instance where the rays diverge, each ray is walked alone. Anything unusual ends the
+//! attempt, and every walk starts anew. Where a [`Suspended`] keeps them, packets stop for
 //! candidates that shaders are to decide on: the next one of each ray in a leaf of triangles, or a
 //! box with all rays that meet it. Once they have, what is unusual splits them into single walks.
 
@@ -81,15 +81,16 @@ pub(crate) unsafe fn run(
     }
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise; a walker has this tier only on machines that have the
-        // instruction set.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray; a walker has this
+        // tier only on machines that have the instruction set.
         Tier::Avx512 => unsafe { wide::Avx512::trace_packet(rays, lanes, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: likewise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         Tier::Avx2 => unsafe {
             plain::Avx2Packets::trace_packet(rays, lanes, hits, walker, suspended)
         },
-        // SAFETY: the caller's promise; every machine has plain Rust.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray; every machine has
+        // plain Rust.
         _ => unsafe { plain::PortablePackets::trace_packet(rays, lanes, hits, walker, suspended) },
     }
 }
@@ -106,12 +107,12 @@ pub(crate) unsafe fn resume(
 ) -> Progress {
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         Tier::Avx512 => unsafe { wide::Avx512::resume_packet(rays, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: likewise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         Tier::Avx2 => unsafe { plain::Avx2Packets::resume_packet(rays, hits, walker, suspended) },
-        // SAFETY: likewise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         _ => unsafe { plain::PortablePackets::resume_packet(rays, hits, walker, suspended) },
     }
 }
@@ -154,7 +155,7 @@ unsafe fn are_alike<K: PacketKernel>(rays: &RayRows, lanes: LaneMask) -> bool {
             | apart as u32
             | (apart >> 32) as u32;
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     (lanes - unsafe { K::equal(&differences, 0) }).is_empty()
 }
 
@@ -185,7 +186,7 @@ unsafe fn cohere<K: PacketKernel>(world_rays: &WorldRays, lanes: LaneMask) -> bo
             | (turned <= spread_of_parallel) & (moved <= width_of_parallel);
         near[i] = u32::from(close) & world_rays.sound[i];
     }
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     (lanes - unsafe { K::equal(&near, 1) }).is_empty()
 }
 
@@ -204,17 +205,20 @@ unsafe fn trace_packet<K: PacketKernel>(
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
 ) -> Progress {
-    // SAFETY: the caller's promise, here and below.
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
+    // instruction set.
     if !unsafe { are_alike::<K>(rays, lanes) } {
         return Progress::Singly;
     }
     let world_rays = WorldRays::new(rays, lanes);
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
+    // instruction set.
     if !unsafe { cohere::<K>(&world_rays, lanes) } {
         return Progress::Singly;
     }
     let first = lanes.first();
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
+    // instruction set.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
         return Progress::Singly;
     }
@@ -237,13 +241,15 @@ unsafe fn trace_packet<K: PacketKernel>(
     let only = only_instance(&walker.top).map(|index| (index, lanes));
     if only.is_none() {
         let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // the instruction set.
         if !unsafe { K::set_up_top(ways, &packet.world_rays, origin_error, lanes) } {
             return Progress::Singly;
         }
         walker.packet.top.start(lanes);
     }
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
+    // instruction set.
     unsafe { packet.go::<K>(walker, hits, only) }
 }
 
@@ -269,14 +275,17 @@ unsafe fn resume_packet<K: PacketKernel>(
         has_asked: true,
         suspended: None,
     };
-    // SAFETY: the caller's promise, here and below.
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
+    // instruction set.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // the instruction set.
         return unsafe { K::finish(&packet, hits, &walker.top) };
     }
     if only_instance(&walker.top).is_none() {
         let origin_error = walker.top.structure.origin_error();
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // the instruction set.
         unsafe {
             K::set_up_top(
                 &mut walker.packet.ways,
@@ -288,29 +297,35 @@ unsafe fn resume_packet<K: PacketKernel>(
         walker.packet.top.restore(&suspended.top);
     }
     if let Some((index, lanes)) = suspended.instance {
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // the instruction set.
         let entering = unsafe { packet.enter::<K>(walker, index, lanes, true) };
         let Entering::Inside(way) = entering else {
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine
+            // with the instruction set.
             return unsafe { K::finish(&packet, hits, &walker.top) };
         };
         walker.packet.bottom.restore(&suspended.bottom);
         let leaf = suspended.leaf;
         packet.suspended = Some(suspended);
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // the instruction set.
         if unsafe { packet.walk_instance::<K>(walker, way, (index, lanes), leaf) } {
             return Progress::Candidates;
         }
         if packet.patience == 0 {
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine
+            // with the instruction set.
             return unsafe { packet.split::<K>(walker, hits, (index, lanes)) };
         }
         if only_instance(&walker.top).is_some() {
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine
+            // with the instruction set.
             return unsafe { K::finish(&packet, hits, &walker.top) };
         }
     }
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
+    // instruction set.
     unsafe { packet.go::<K>(walker, hits, None) }
 }
 
@@ -359,13 +374,13 @@ impl Packet<'_> {
         } = stack;
         let live = self.live();
         let fetches_ahead = structure.node_count() > LARGE;
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let (t, t_far) = unsafe { (K::load(&self.found.t), K::greatest(&self.found.t, live)) };
         while *length > 0 && !live.is_empty() && self.patience > 0 {
             self.patience -= 1;
             *length -= 1;
             let entry = entries[*length];
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let near_enough = unsafe { K::at_least(t, entry.near()) };
             let here = lanes[*length] & live & near_enough;
             if here.is_empty() {
@@ -386,7 +401,7 @@ impl Packet<'_> {
             }
             let base = *length;
             let mut near = [0.0; WIDTH];
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let mut rest = unsafe { K::test_interval(rays, node, t_far, &mut near) };
             if fetches_ahead && rest != 0 {
                 fetch(rest, node, structure);
@@ -394,7 +409,7 @@ impl Packet<'_> {
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize % WIDTH;
                 rest &= rest - 1;
-                // SAFETY: as above.
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
                 let mask = unsafe { K::test_box(rays, node, child, t) } & here;
                 if mask.is_empty() {
                     continue;
@@ -451,7 +466,7 @@ impl Packet<'_> {
         }
     }
 
-    /// Puts down what was found.
+    /// Writes the hits.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -471,7 +486,7 @@ impl Packet<'_> {
         blend(&mut hits.instance_index, &found.instances, rest);
         while !rest.is_empty() {
             let first = rest.first();
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let there = unsafe { K::equal(&found.instances, found.instances[first]) } & rest;
             rest -= there;
             let Some((facts, structure)) = self.place(first, top) else {
@@ -483,7 +498,7 @@ impl Packet<'_> {
             let (mut geometry, mut primitive) = structure.identity(slot);
             let kinds = [false, true].map(|front| facts.hit_kind(front));
             // Neighbours often hit the same.
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             if unsafe { K::equal(&found.slots, slot) } & there == there {
                 hits.set_opaque_triangles(there, found.front, geometry, primitive, kinds);
                 continue;

@@ -33,7 +33,7 @@ pub(super) fn load(lanes: &Lanes) -> __m512 {
 #[inline]
 #[target_feature(enable = "avx512f")]
 pub(super) fn store(lanes: &mut Lanes, value: __m512) {
-    // SAFETY: as above.
+    // SAFETY: sixteen numbers.
     unsafe { _mm512_storeu_ps(lanes.as_mut_ptr(), value) }
 }
 

@@ -21,7 +21,7 @@ impl Rays {
         lanes: LaneMask,
     ) -> bool {
         self.beams.start_top(world_rays);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe { self.set_up::<K>(world_rays, Some(origin_error), lanes) }
     }
 
@@ -37,7 +37,7 @@ impl Rays {
         lanes: LaneMask,
     ) -> bool {
         self.beams.start_instance(world_rays, record);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe { self.set_up::<K>(world_rays, None, lanes) }
     }
 
@@ -55,12 +55,12 @@ impl Rays {
         self.hits_of = 0;
         let first = lanes.first();
         let ways = self.beams.ways();
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         if unsafe { K::equal(&ways, ways[first]) } & lanes != lanes {
             return false;
         }
         let sound = self.beams.set_up_together(world_rays, first);
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         if unsafe { K::equal(&sound, 1) } & lanes != lanes {
             return false;
         }
@@ -76,7 +76,7 @@ impl Rays {
             let upper = row & ROW != 0;
             let (origin, far_origin) = (&beams.origin[k], &beams.far_origin[k]);
             let inverse = &beams.near_inverse[k];
-            // SAFETY: as above.
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let [low, high] = unsafe {
                 flat &= K::flat(inverse);
                 (interval.near_origin[k], interval.far_origin[k]) = match upper {
@@ -94,7 +94,7 @@ impl Rays {
                 [low * wider, high]
             };
         }
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         interval.t_min = unsafe { K::least(&beams.t_min, lanes) };
         flat == lanes
     }

@@ -121,8 +121,8 @@ pub(super) fn test_triangle(
     }
 }
 
-/// Takes hits with a triangle that are inside for sure, where they are to be preferred to what
-/// there is. `t_far`: the distances of that.
+/// Takes hits that are certainly inside a triangle, where they win over the hits so far. `t_far`:
+/// the distances of that.
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn take_hits(

@@ -10,10 +10,10 @@ use crate::walk::rows::{Lanes, Words};
 /// The halves of a row.
 ///
 /// # Safety
-/// The machine has AVX2, here and below.
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn halves(row: &Lanes) -> [__m256; 2] {
-    // SAFETY: the caller's promise; sixteen numbers.
+    // SAFETY: the caller guarantees that the machine has AVX2; sixteen numbers.
     unsafe {
         [
             _mm256_loadu_ps(row.as_ptr()),
@@ -25,10 +25,10 @@ unsafe fn halves(row: &Lanes) -> [__m256; 2] {
 /// Which of eight numbers are not greater than others.
 ///
 /// # Safety
-/// As above.
+/// The machine has AVX2.
 #[inline(always)]
 pub(super) unsafe fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) -> u32 {
-    // SAFETY: the caller's promise; eight numbers each.
+    // SAFETY: the caller guarantees that the machine has AVX2; eight numbers each.
     unsafe {
         let (one, other) = (
             _mm256_loadu_ps(numbers.as_ptr()),
@@ -41,10 +41,10 @@ pub(super) unsafe fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) ->
 /// Lanes in which a number is not greater than another.
 ///
 /// # Safety
-/// As above.
+/// The machine has AVX2.
 #[inline(always)]
 pub(super) unsafe fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> LaneMask {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let ([one, next], [other, other_next]) = (halves(numbers), halves(others));
         let low = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(one, other));
@@ -56,10 +56,10 @@ pub(super) unsafe fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> Lan
 /// Lanes with this word.
 ///
 /// # Safety
-/// As above.
+/// The machine has AVX2.
 #[inline(always)]
 pub(super) unsafe fn equal(row: &Words, word: u32) -> LaneMask {
-    // SAFETY: the caller's promise; sixteen words.
+    // SAFETY: the caller guarantees that the machine has AVX2; sixteen words.
     unsafe {
         let word = _mm256_set1_epi32(word as i32);
         let equal = |half: usize| {
@@ -73,10 +73,10 @@ pub(super) unsafe fn equal(row: &Words, word: u32) -> LaneMask {
 /// The numbers of some lanes, and something else in the others.
 ///
 /// # Safety
-/// As above.
+/// The machine has AVX2.
 #[inline(always)]
 unsafe fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> [__m256; 2] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let row = halves(row);
         if lanes == LaneMask::ALL {
@@ -96,10 +96,10 @@ unsafe fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> [__m256; 2] {
 /// The least number of some lanes.
 ///
 /// # Safety
-/// As above.
+/// The machine has AVX2.
 #[inline(always)]
 pub(super) unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let [low, high] = pick(row, lanes, f32::INFINITY);
         let eight = _mm256_min_ps(low, high);
@@ -115,10 +115,10 @@ pub(super) unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
 /// The greatest number of some lanes.
 ///
 /// # Safety
-/// As above.
+/// The machine has AVX2.
 #[inline(always)]
 pub(super) unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let [low, high] = pick(row, lanes, f32::NEG_INFINITY);
         let eight = _mm256_max_ps(low, high);

@@ -28,25 +28,25 @@ impl PacketKernel for Avx512 {
 
     #[inline(always)]
     unsafe fn load(row: &Lanes) -> __m512 {
-        // SAFETY: the caller promises AVX-512, here and below.
+        // SAFETY: the caller guarantees that the machine has AVX-512.
         unsafe { load(row) }
     }
 
     #[inline(always)]
     unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { _mm512_mask_reduce_min_ps(lanes.bits(), load(row)) }
     }
 
     #[inline(always)]
     unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { _mm512_mask_reduce_max_ps(lanes.bits(), load(row)) }
     }
 
     #[inline(always)]
     unsafe fn at_least(row: __m512, number: f32) -> LaneMask {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe {
             LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_GE_OQ>(
                 row,
@@ -57,7 +57,8 @@ impl PacketKernel for Avx512 {
 
     #[inline(always)]
     unsafe fn equal(row: &Words, word: u32) -> LaneMask {
-        // SAFETY: as above; sixteen words.
+        // SAFETY: the caller guarantees that the machine has the instruction set; a row has sixteen
+        // words.
         unsafe {
             let row = _mm512_loadu_si512(row.as_ptr().cast());
             LaneMask::from_bits(_mm512_cmpeq_epi32_mask(row, _mm512_set1_epi32(word as i32)))
@@ -66,7 +67,7 @@ impl PacketKernel for Avx512 {
 
     #[inline(always)]
     unsafe fn flat(inverses: &Lanes) -> LaneMask {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe {
             let size = _mm512_abs_ps(load(inverses));
             LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(
@@ -83,19 +84,19 @@ impl PacketKernel for Avx512 {
         t_far: f32,
         near: &mut [f32; WIDTH],
     ) -> u32 {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { rays.test_interval(node, t_far, near) }
     }
 
     #[inline(always)]
     unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { rays.test_triangles(groups, t_far) }
     }
 
     #[inline(always)]
     unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: __m512) -> LaneMask {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { rays.test_box(node, child, t_far) }
     }
 
@@ -107,7 +108,7 @@ impl PacketKernel for Avx512 {
         t_far: f32,
         found: &mut Found,
     ) {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { triangle::test_leaf(rays, structure, word, lanes, t_far, found) }
     }
 
@@ -120,7 +121,7 @@ impl PacketKernel for Avx512 {
         t_far: f32,
         found: &mut Found,
     ) -> SuspendedLeaf {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { candidates::test_some(rays, level, facts, leaf, t_far, found) }
     }
 
@@ -134,7 +135,7 @@ impl PacketKernel for Avx512 {
         found: &Found,
         candidates: &mut HitRows,
     ) {
-        // SAFETY: as above.
+        // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe {
             candidates::next_candidates(rays, structure, facts, leaf, live, found, candidates);
         }

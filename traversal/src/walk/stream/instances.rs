@@ -105,7 +105,8 @@ impl LeafVisitor for Top<'_> {
             beams: self.beams,
             fetches_ahead: self.fetches_ahead && self.bottom.structure.node_count() > LARGE,
         };
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that the machine has the instruction set; the list is one
+        // of the stream's.
         unsafe {
             if inner.rays.len() < FEW && place.instance.all_opaque {
                 let all = inner.all();

@@ -180,7 +180,7 @@ impl LeafVisitor for Bottom<'_> {
                 committed: Some(&committed),
                 fetches_ahead: self.fetches_ahead,
             };
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of this function.
             let end = unsafe {
                 Avx::<WIDE>::walk_opaque::<ANY>(&way, best, &mut pending, self.hits, fuel)
             };
@@ -230,7 +230,7 @@ fn committed(t: f32, instance_index: u32) -> Hit {
     }
 }
 
-/// Whether a triangle as far away as what was found comes before that; see [`Hit::wins_tie`].
+/// Whether a triangle wins a tie with the hit so far; see [`Hit::wins_tie`].
 #[cold]
 #[inline(never)]
 fn wins_tie(
@@ -264,7 +264,7 @@ unsafe fn keep(
 ) {
     let mut length = 0;
     for i in 0..count {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that there are so many words, and as many places for them.
         unsafe {
             let word = *words.add(i);
             let wanted = wanted(word);

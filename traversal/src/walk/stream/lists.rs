@@ -11,7 +11,7 @@ pub(super) struct Stream {
     pub rays: Vec<StreamRay>,
     /// Their nearest hits here.
     pub best: Vec<Nearest>,
-    /// The instance of what they have found before; 0 as well if that is nothing.
+    /// The instance of each ray's hit so far; also 0 without a hit.
     pub before: Vec<u32>,
     /// Their octants, and which there are.
     pub(super) octants: Vec<u32>,

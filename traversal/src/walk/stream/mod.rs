@@ -4,15 +4,15 @@
 //! into one for each child. Nothing that is computed for a ray depends on the ray before, so the
 //! tests of many overlap; what follows from them is done without branches, sixteen rays at a time.
 //! Up to eight streams take turns, node by node, so that the memory of the next node is on its way
-//! while others are at theirs. A list that comes to an instance makes streams of its own there.
+//! while others are at theirs. A list that reaches an instance starts separate streams there.
 //!
 //! Each ray is tested as by itself, with the same operations. The hit does not depend on the order
 //! of the walk; and rays that end with their first hit visit children in the same order as by
 //! themselves. So the hits are the same bits.
 //!
 //! Triangles with micromaps are looked up where they are met. Cases that a stream does not handle
-//! (candidates, boxes, motion, rays of unusual length, an end of fuel) go to single walks that
-//! start anew.
+//! (candidates, boxes, motion, rays of unusual length, an end of fuel) go to single walks, which
+//! restart the ray.
 
 mod instances;
 mod leaf;
@@ -59,13 +59,15 @@ impl Walker {
     ) -> LaneMask {
         let first = lanes.first();
         let (address, ray) = (rays.top_level[first], rays.ray(first));
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, until they are
+        // traced, and a machine with AVX2.
         if !self.streams.admits(address, &ray) || !unsafe { self.top.enter_top(address) } {
             return LaneMask::NONE;
         }
         let only = only_instance(&self.top);
         let enters = match only {
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, until they are
+            // traced, and a machine with AVX2.
             Some(index) => unsafe { self.enter_only(index, &ray) },
             None => self.top.structure.kind() == Kind::Instances,
         };
@@ -75,7 +77,8 @@ impl Walker {
         let streams = &mut self.streams;
         (streams.address, streams.ray, streams.only) = (address, ray, only);
         let alike = rays.alike(first, lanes);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, until they are
+        // traced, and a machine with AVX2.
         let taken = unsafe { self.set_up(rays, alike, group) };
         hits.start(rays, taken);
         taken
@@ -123,7 +126,7 @@ impl Walker {
             instance,
             ..
         } = self;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`.
         let admits = unsafe { bottom.admit(instance, top, index, ray) };
         admits
             && instance.suits_streams()
@@ -140,8 +143,8 @@ impl Walker {
         if self.streams.outer.rays.is_empty() {
             return;
         }
-        // SAFETY: the caller's promise; rays were added only by a tier that has the instruction
-        // set.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray; rays were added only
+        // by a tier that has the instruction set.
         unsafe {
             self.run_outer(fuel);
             self.tell(caller);
@@ -156,7 +159,8 @@ impl Walker {
     /// As for [`Walk::new`], for every ray; the machine has AVX2.
     unsafe fn run_outer(&mut self, fuel: &mut u64) {
         let (address, ray, only) = (self.streams.address, self.streams.ray, self.streams.only);
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // AVX2.
         let enters = unsafe {
             self.top.enter_top(address) && only.is_none_or(|index| self.enter_only(index, &ray))
         };
@@ -191,7 +195,8 @@ impl Walker {
                 beams,
                 fetches_ahead: fetches_ahead && bottom.structure.node_count() > LARGE,
             };
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine
+            // with AVX2.
             unsafe { outer.run(&mut place, any, wide, fuel) };
             return;
         }
@@ -209,7 +214,8 @@ impl Walker {
             ray: &ray,
             fetches_ahead,
         };
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
+        // AVX2.
         unsafe { outer.run(&mut place, any, wide, fuel) };
     }
 
@@ -240,7 +246,7 @@ impl Walker {
                 None => streams.instances[i],
             };
             if last.as_ref().is_none_or(|(known, ..)| *known != index) {
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
                 last = (top.structure.instance_words(index)).and_then(|words| unsafe {
                     let structure = Structure::at(top.structure.reference(index), top.live())?;
                     let facts = InstanceFacts::new(index, &words, &streams.ray);

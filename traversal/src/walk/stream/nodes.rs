@@ -64,7 +64,8 @@ pub(super) unsafe fn put_chosen<const WIDE: bool>(
     mask: u32,
 ) -> u32 {
     if WIDE {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller guarantees that there is room for sixteen words, and the machine has
+        // AVX2, or AVX-512 if `WIDE`.
         unsafe {
             let low = _mm512_castsi256_si512(words[0]);
             let words = _mm512_inserti64x4::<1>(low, words[1]);
@@ -76,7 +77,8 @@ pub(super) unsafe fn put_chosen<const WIDE: bool>(
         return mask.count_ones();
     }
     let [low, high] = [mask as u8, (mask >> 8) as u8];
-    // SAFETY: the caller's promise; the second half begins eight words on at most.
+    // SAFETY: the caller guarantees that there is room for sixteen words, and the machine has AVX2,
+    // or AVX-512 if `WIDE`; the second half begins eight words on at most.
     unsafe {
         _mm256_storeu_si256(place.cast(), chosen(words[0], low));
         let place = place.add(low.count_ones() as usize);
@@ -92,7 +94,7 @@ pub(super) unsafe fn put_chosen<const WIDE: bool>(
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 unsafe fn sixteen(words: *const u32) -> [__m256i; 2] {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that there are so many entries.
     unsafe {
         [
             _mm256_loadu_si256(words.cast()),
@@ -165,7 +167,7 @@ pub(super) unsafe fn intersect_node<const ANY: bool>(
     list: &List,
     node: NodeAt<'_>,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { intersect_node_with::<ANY, false>(stream, octant_stack, list, node) }
 }
 
@@ -180,7 +182,7 @@ pub(super) unsafe fn intersect_node_wide<const ANY: bool>(
     list: &List,
     node: NodeAt<'_>,
 ) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller keeps the contract of this function.
     unsafe { intersect_node_with::<ANY, true>(stream, octant_stack, list, node) }
 }
 
@@ -196,7 +198,8 @@ unsafe fn intersect_node_with<const ANY: bool, const WIDE: bool>(
     list: &List,
     node: NodeAt<'_>,
 ) {
-    // SAFETY: the caller's promise; for the rest, see the comments.
+    // SAFETY: the caller guarantees that the machine has the instruction set. There is room for
+    // eight lists; for the rest, see the comments.
     unsafe {
         let rows = [0, 1, 2].map(|axis: usize| 2 * axis + (octant_stack.octant >> axis & 1));
         let planes = Planes::new(node, rows);

@@ -50,11 +50,11 @@ pub(super) const fn index(offset: u32) -> usize {
 }
 
 /// A mark in [`StreamRay::t_far`]: the ray has ended with its first hit. Marks are below every
-/// distance, so a ray that has one meets nothing more.
+/// distance, so a ray with a mark has no more hits.
 const OVER: f32 = -1.0;
 
-/// Another mark: what the stream has found of the ray is not all, and it is to be traced by itself,
-/// from its start.
+/// Mark of a ray whose hit in the stream is not final: the ray must be traced alone, from its
+/// start.
 const SINGLE: f32 = -2.0;
 
 /// The name of a lane's ray.

@@ -101,12 +101,12 @@ pub fn run(world: &World, case: &Case) {
     let set = gpu.set_layout_of(&bindings, flags);
     let uses = vk::BufferUsageFlags::RESOURCE_DESCRIPTOR_BUFFER_EXT
         | vk::BufferUsageFlags::SAMPLER_DESCRIPTOR_BUFFER_EXT;
-    // SAFETY: the layout is for descriptor buffers, here and below.
+    // SAFETY: the layout is for descriptor buffers.
     let size = unsafe { commands.get_descriptor_set_layout_size(set) };
     let buffer = gpu.buffer_for(size, uses);
     for (binding, kind) in (0..).zip(KINDS) {
         let bytes = descriptor(world, &commands, &properties, kind);
-        // SAFETY: as above.
+        // SAFETY: the layout is for descriptor buffers.
         let at = unsafe { commands.get_descriptor_set_layout_binding_offset(set, binding) };
         buffer.write(at as usize, &bytes);
     }

@@ -704,7 +704,8 @@ unsafe fn step(
     let combiners = [op(), op()];
     let size = [near(rng, 4), near(rng, 4)];
     (world.gpu).set_shading_rate(commands, size, combiners);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the commands are being recorded, in a pass over the
+    // target.
     unsafe {
         device.cmd_set_viewport(commands, 0, &[viewport]);
         device.cmd_set_scissor(commands, 0, &[scissor]);
@@ -725,7 +726,7 @@ unsafe fn draw(world: &World, rng: &mut Rng, commands: vk::CommandBuffer) -> boo
     let device = &world.gpu.device;
     let draws = world.guarded[1].buffer.handle;
     let meshes = ash::ext::mesh_shader::Device::new(&world.gpu.instance, device);
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller guarantees that the commands are being recorded, in a pass.
     unsafe {
         let commands_at = MARGIN + u64::from(rng.u32(0..800) & !3);
         let stride = 4 * rng.u32(4..9);

@@ -77,7 +77,7 @@ fn spoil(it: &mut vk::DescriptorSetAndBindingMappingEXT, rng: &mut Rng) {
             }
         }
         HEAP_WITH_CONSTANT_OFFSET => {
-            // SAFETY: as above.
+            // SAFETY: the source says so; the member was written whole.
             let constant = unsafe { &mut it.source_data.constant_offset };
             match which {
                 0 => constant.heap_offset = number,
@@ -86,7 +86,7 @@ fn spoil(it: &mut vk::DescriptorSetAndBindingMappingEXT, rng: &mut Rng) {
                 _ => constant.sampler_heap_array_stride = number,
             }
         }
-        // SAFETY: as above.
+        // SAFETY: the source says so; the member was written whole.
         _ => unsafe { it.source_data.words[0] = number % 256 },
     }
 }

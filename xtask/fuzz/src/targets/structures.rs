@@ -106,7 +106,7 @@ fn copy(world: &World, level: usize, rng: &mut Rng) {
     if gpu.has_host_commands {
         let mut words = [0u8; 8];
         for kind in kinds {
-            // SAFETY: as above.
+            // SAFETY: all live as long as the device; whatever they hold, the driver has to bear.
             let _ = unsafe {
                 gpu.acceleration.write_acceleration_structures_properties(
                     &[source.handle],
@@ -120,7 +120,7 @@ fn copy(world: &World, level: usize, rng: &mut Rng) {
     gpu.destroy(target);
 }
 
-/// Updates in place, from geometry that has nothing to do with what is there now.
+/// Updates in place, from geometry unrelated to the present one.
 fn update(world: &World, level: usize) {
     super::builds::update_in_place(world, level);
 }

@@ -16,7 +16,7 @@ lanes::vectors! {
     /// # Safety
     /// As [`load`].
     unsafe fn exchange<V>(v, target: &Target, places: &Places, mask: u16, words: &TexelWords) -> TexelWords {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `load`.
         unsafe {
             let loaded = load(v, target, places, 0, mask);
             store(v, target, places, 0, mask, &load_words(v, words));

@@ -226,7 +226,7 @@ mod tests {
         assert!(quints.iter().flatten().all(|&quint| quint < 5));
     }
 
-    /// The values of a range spread over the whole of what they stand for, each a value of its own.
+    /// The values of a range are distinct, and cover their whole interval.
     #[test]
     fn values_spread_evenly() {
         let digits = |range: Range| match range.digit {
