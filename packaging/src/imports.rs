@@ -57,7 +57,7 @@ const NEWER: [&str; 10] = [
 pub fn missing(tree: &Tree) -> Result<Vec<String>> {
     let mut missing = Vec::new();
     for (path, Entry { bytes, .. }) in tree.files().filter(|(path, _)| is_binary(path)) {
-        let imports = imports(bytes).with_context(|| format!("{path} is no binary of Windows"))?;
+        let imports = imports(bytes).with_context(|| format!("{path} is not a Windows binary"))?;
         for (library, function) in imports {
             let name = library.to_lowercase();
             let is_there =

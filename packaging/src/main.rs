@@ -162,7 +162,7 @@ fn package(arguments: &Arguments) -> Result<()> {
         let missing = imports::missing(&with_loader)?;
         ensure!(
             missing.is_empty(),
-            "some Windows 10 lack what the binaries are linked with: {}",
+            "some versions of Windows 10 lack functions that the binaries import: {}",
             missing.join(", ")
         );
     }
@@ -175,7 +175,7 @@ fn package(arguments: &Arguments) -> Result<()> {
         system,
         time,
     };
-    std::fs::remove_dir_all(&scratch).context("removing what was stripped")?;
+    std::fs::remove_dir_all(&scratch).context("removing the stripped binaries")?;
     let debug = [driver.debug, program.debug];
     let wheel = || {
         let sources = arguments.root.join("packaging/python");
@@ -288,6 +288,6 @@ fn time(source_date_epoch: Option<&str>) -> Result<u64> {
     };
     let seconds: u64 = text
         .parse()
-        .context("SOURCE_DATE_EPOCH is no number of seconds")?;
+        .context("SOURCE_DATE_EPOCH is not a number of seconds")?;
     Ok(seconds.max(FIRST_DAY))
 }

@@ -138,7 +138,9 @@ impl FromStr for GlibcVersion {
         let mut numbers = text.splitn(3, '.').map(|number| number.parse().ok());
         match (numbers.next().flatten(), numbers.next().flatten()) {
             (Some(major), Some(minor)) => Ok(GlibcVersion { major, minor }),
-            _ => Err(format!("\"{text}\" is no version of glibc, such as 2.28")),
+            _ => Err(format!(
+                "\"{text}\" is not a version of glibc, such as 2.28"
+            )),
         }
     }
 }

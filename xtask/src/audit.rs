@@ -17,7 +17,8 @@ pub struct Options {
     /// The registry, vk.xml [default: where VULKAN_SDK or the system has it]
     #[arg(long, value_name = "FILE")]
     registry: Option<PathBuf>,
-    /// Files of profiles, as Vulkan-Profiles publishes them: lists what the driver lacks of each
+    /// Files of profiles, as Vulkan-Profiles publishes them: lists the missing capabilities for
+    /// each
     #[arg(long, value_name = "FILES", num_args = 1..)]
     profiles: Vec<PathBuf>,
 }

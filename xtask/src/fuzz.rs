@@ -148,7 +148,7 @@ const COVERAGE: &str = "-Zsanitizer=address -Cpasses=sancov-module -Cllvm-args=-
 /// Runs a target of libFuzzer, `CRATE/NAME`.
 fn run_guided(target: &str, minutes: f64) -> Result<()> {
     let Some((package, name)) = target.split_once('/') else {
-        bail!("{target} is no target");
+        bail!("{target} is not a fuzz target");
     };
     let target_folder = workspace::target()?.join("fuzz").join(package);
     let out = target_folder.join(name);
@@ -186,7 +186,7 @@ fn run_guided(target: &str, minutes: f64) -> Result<()> {
     let status = cargo.status().context("starting cargo")?;
     ensure!(
         status.success(),
-        "{target}: what was found lies in {}",
+        "{target}: the findings are in {}",
         out.display()
     );
     Ok(())

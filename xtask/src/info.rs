@@ -1,4 +1,4 @@
-//! `cargo xtask info`: what `tuff info` tells, of the driver that was built here.
+//! `cargo xtask info`: the output of `tuff info` for the driver built here.
 
 use std::process::ExitCode;
 

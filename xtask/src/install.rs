@@ -132,7 +132,7 @@ fn notes(places: &Places, variable: &dyn Fn(&str) -> Option<OsString>) -> Vec<St
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
         if let Some(value) = set(name).filter(|value| *value != *places.manifest.as_os_str()) {
             notes.push(format!(
-                "{name} is set to {}: here the loader looks nowhere else; `unset {name}` lets it find what is installed",
+                "{name} is set to {}, and the loader searches nowhere else; `unset {name}` lets it find the installed driver",
                 value.display()
             ));
         }

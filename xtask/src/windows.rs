@@ -75,7 +75,7 @@ fn sysroot() -> Result<PathBuf> {
     rustc.current_dir(workspace::root());
     let output = rustc.args(["--print", "sysroot"]).output();
     let output = output.context("starting rustc")?;
-    ensure!(output.status.success(), "rustc does not tell its sysroot");
+    ensure!(output.status.success(), "rustc does not report its sysroot");
     Ok(String::from_utf8_lossy(&output.stdout).trim().into())
 }
 

@@ -170,7 +170,7 @@ impl Checks {
     pub fn host_reference(&self, handle: u64, destination: u64) -> bool {
         let exists = self.validator.registry.has_structure(handle);
         self.require(exists, Rule::BuildReference, destination, || {
-            format!("an instance refers to {handle:#x}, which is no structure's handle")
+            format!("an instance refers to {handle:#x}, which is not the handle of a structure")
         });
         exists
     }

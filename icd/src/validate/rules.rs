@@ -121,7 +121,7 @@ rules! {
     Nv MissMemory "missShaderBindingTableBuffer-04043" "the miss table's buffer has memory";
     Nv HitMemory "hitShaderBindingTableBuffer-04044" "the hit table's buffer has memory";
     Nv CallableMemory "callableShaderBindingTableBuffer-04045" "the callable table's buffer has memory";
-    Whole TableSize "VUID-VkStridedDeviceAddressRegionKHR-size-04631" "a table lies in one buffer as a whole";
+    Whole TableSize "VUID-VkStridedDeviceAddressRegionKHR-size-04631" "a whole table lies in one buffer";
     // The size of the launch.
     Extent Invocations "width-03641" "width × height × depth is at most maxRayDispatchInvocationCount";
     Whole MaskSize "VUID-vkCmdBindInvocationMaskHUAWEI-width-04981" "an invocation mask is of the launch's width and height";
@@ -138,7 +138,7 @@ rules! {
     Tables NullIntersection "flags-03514" "with NO_NULL_INTERSECTION_SHADERS, a hit record that is met for its intersection shader is not zero";
     Tables GroupOfTriangles "pHitShaderBindingTable-04735" "a hit record that is met for a triangle is of a triangles hit group";
     Tables GroupOfBoxes "pHitShaderBindingTable-04736" "a hit record that is met for a box is of a procedural hit group";
-    Whole RecordRange "TUFF-record-index" "the index of a record that is met lies in its table";
+    Whole RecordRange "TUFF-record-index" "the index of a used record is inside its table";
     Command Recursion "maxPipelineRayRecursionDepth-03679" "no shader is called at a recursion depth past maxPipelineRayRecursionDepth";
     Whole StackSize "VUID-vkCmdSetRayTracingPipelineStackSizeKHR-pipelineStackSize-03610" "the pipeline's stack has room for every chain of shader calls";
     Command DeadStructure "None-08114" "an acceleration structure that is traced into exists";
@@ -189,14 +189,14 @@ rules! {
     Whole RangeAlignment "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03648" "the address of a build's ranges is a multiple of 4";
     Whole RangeMemory "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03646" "a build's ranges lie in one buffer";
     Whole RangeUsage "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03647" "a build's ranges lie in a buffer of indirect buffer usage";
-    Whole RangeCount "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-ppMaxPrimitiveCounts-03653" "a build's primitive count in memory is at most what the command names";
+    Whole RangeCount "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-ppMaxPrimitiveCounts-03653" "a build's primitive count in memory is at most the command's maximum";
     Whole MaxVertex "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774" "a build's indices are at most maxVertex";
     Whole MicromapFormat "VUID-VkMicromapBuildInfoEXT-format-11657" "a micromap's triangles are of formats that exist";
     Whole MicromapLevel2 "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11659" "a triangle of two states is of level maxOpacity2StateSubdivisionLevel at most";
     Whole MicromapLevel4 "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11660" "a triangle of four states is of level maxOpacity4StateSubdivisionLevel at most";
     Whole MicromapUsage "TUFF-micromap-usage" "a micromap's triangles are those that its usage counts name";
     Whole MicromapIndex "TUFF-micromap-index" "a triangle's micromap index names a triangle of its micromap";
-    Whole BuildInput "TUFF-build-input" "what a build reads lies in live memory";
+    Whole BuildInput "TUFF-build-input" "the inputs of a build are in live memory";
     Whole BuildReference "TUFF-build-reference" "an instance refers to a bottom level that exists";
     Whole TransformFinite "TUFF-build-transform" "a geometry's transform is finite";
     Whole BuildOutput "TUFF-build-output" "a build's scratch memory and destination lie in live memory";

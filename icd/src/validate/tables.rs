@@ -136,7 +136,7 @@ impl Checks {
             };
             self.broken_times(rule, place, stray.count, || match stray.alignment {
                 0 => format!("a shader follows {:#x}", stray.address),
-                bytes => format!("{:#x} is no multiple of {bytes}", stray.address),
+                bytes => format!("{:#x} is not a multiple of {bytes}", stray.address),
             });
         }
     }

@@ -27,7 +27,7 @@ impl Installation {
     /// # Errors
     /// This program's own path is not known.
     pub fn find(manifest: Option<&Path>) -> Result<Installation> {
-        let program = std::env::current_exe().context("where this program lies")?;
+        let program = std::env::current_exe().context("this program's path")?;
         // PREFIX/bin/tuff.
         let prefix = program
             .ancestors()
@@ -63,7 +63,7 @@ impl Installation {
         let text = std::fs::read_to_string(&self.manifest)
             .with_context(|| format!("the manifest {shown} cannot be read"))?;
         let json: serde_json::Value =
-            serde_json::from_str(&text).with_context(|| format!("{shown} is no manifest"))?;
+            serde_json::from_str(&text).with_context(|| format!("{shown} is not a manifest"))?;
         let named = (json["ICD"]["library_path"].as_str())
             .with_context(|| format!("{shown} names no library"))?;
         // A name with a folder is relative to the manifest. The system searches for a name without
@@ -157,7 +157,7 @@ mod tests {
         );
         std::fs::write(&installation.manifest, "{").unwrap();
         let message = format!("{:#}", installation.library().unwrap_err());
-        assert!(message.contains("is no manifest"), "{message}");
+        assert!(message.contains("is not a manifest"), "{message}");
         std::fs::remove_dir_all(&folder).unwrap();
         let message = format!("{:#}", installation.library().unwrap_err());
         assert!(message.contains("it's.json cannot be read"), "{message}");

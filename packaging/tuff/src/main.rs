@@ -1,8 +1,8 @@
 //! `tuff run | env | info | view`, on Windows also `install | uninstall`: the program that comes
 //! with the driver in every package.
 //!
-//! Nothing here renders. The program points Vulkan's loader at the driver beside it, and reports
-//! the devices that programs then find.
+//! It does not render. The program points Vulkan's loader at the driver beside it, and reports the
+//! devices that programs then find.
 
 mod info;
 mod installation;

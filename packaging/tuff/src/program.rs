@@ -76,7 +76,7 @@ pub fn tell_of_rights(installation: &Installation) {
 /// Adds the problem of the installed driver, and its fix, to an error.
 pub fn with_fix(error: anyhow::Error) -> anyhow::Error {
     anyhow::anyhow!(
-        "{error:#}: install Tuff again, or name its manifest by --manifest FILE; `tuff info` tells more"
+        "{error:#}: install Tuff again, or name its manifest by --manifest FILE; `tuff info` reports details"
     )
 }
 

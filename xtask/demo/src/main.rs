@@ -1,7 +1,7 @@
 //! A progressive path tracer, written as an ordinary Vulkan application.
 //!
-//! It knows nothing of the driver below it: it uses the system's Vulkan loader where there is one,
-//! and where there is none it opens the driver that it is given.
+//! It does not depend on a driver: it uses the system's Vulkan loader, or opens the given driver
+//! where there is none.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -288,7 +288,7 @@ unsafe extern "C" fn count_bytes(counter: *mut c_void, bytes: isize, _after: boo
     true
 }
 
-/// Names for the dynamic loader, then what the Python package `embreex` brings.
+/// Names for the dynamic loader, then the library of the Python package `embreex`.
 fn usual_places() -> Vec<PathBuf> {
     let mut places = vec![
         PathBuf::from("libembree4.so.4"),

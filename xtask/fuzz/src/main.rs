@@ -6,9 +6,9 @@
 //! ```
 //!
 //! A case is a number: all that it does follows from the seed and that number, in steps. So a case
-//! is made smaller by leaving out steps, and runs again wherever the program is the same. Whatever
-//! a driver answers is right: success, an error, a lost device. It must not fault, hang, write
-//! where it was told nothing of, or panic.
+//! is reduced by leaving out steps, and can be repeated with the same program. Whatever a driver
+//! answers is right: success, an error, a lost device. It must not fault, hang, write where it was
+//! told nothing of, or panic.
 
 mod case;
 mod child;

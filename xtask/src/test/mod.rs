@@ -80,7 +80,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
     }
 }
 
-/// The black-box tests on another driver, which may lack what some of them need.
+/// The black-box tests on another driver, which may lack capabilities of some tests.
 fn on_another_driver(options: &Options, manifest: &Path) -> Result<ExitCode> {
     system::require(&[&COMPILER, &LOADER, &XVFB])?;
     let skips = Skips::new()?;

@@ -33,7 +33,7 @@ struct Options {
     /// Only meshes with one of these in their names
     #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
     only: Vec<String>,
-    /// Begins nothing after so many minutes; all kinds then have had about as many rays
+    /// Starts no more work after N minutes; by then all kinds have had about equally many rays
     #[arg(long, value_name = "N")]
     minutes: Option<f64>,
     /// Other rays

@@ -1,5 +1,5 @@
-//! A program of the interpreter over many lanes, for measurements: one that nothing is bound to,
-//! and that runs to its end at once.
+//! A program of the interpreter over many lanes, for measurements, without bindings and
+//! suspensions.
 
 use anyhow::{Error, Result, ensure};
 use spirv_jit::environment::Environment;

@@ -145,7 +145,7 @@ impl<'a> Overlay<'a> {
         })
     }
 
-    /// Takes over what egui has to be drawn, for an image of some size in pixels; nothing may be in
+    /// Takes over the shapes of egui to draw, for an image of a size in pixels; no frame may be in
     /// flight.
     pub fn prepare(
         &mut self,

@@ -1,5 +1,5 @@
-//! The picture so far: what is drawn and what is traced comes band by band, each in a few
-//! hundredths of a second, so that the window stays awake.
+//! The picture so far: it is drawn and traced in bands, each within a few hundredths of a second,
+//! so that the window stays responsive.
 
 use std::time::{Duration, Instant};
 
@@ -147,7 +147,7 @@ impl<'a> Progress<'a> {
         Ok(progress)
     }
 
-    /// Starts anew; nothing may be in flight.
+    /// Restarts; no frame may be in flight.
     pub fn start(&mut self, sight: Sight) -> Result<()> {
         self.whole.look(self.scene, &sight, sight.split)?;
         self.small.look(self.scene, &sight, 0)?;

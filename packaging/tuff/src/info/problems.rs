@@ -52,7 +52,7 @@ pub fn find(seen: &Seen) -> Vec<Problem> {
                     "the loader does not load the driver: {}",
                     each_once(&seen.selected.said).join("; ")
                 ),
-                "with the variable VK_LOADER_DEBUG=all `tuff run -- vulkaninfo --summary` tells every step"
+                "with the variable VK_LOADER_DEBUG=all `tuff run -- vulkaninfo --summary` shows every step"
                     .into(),
             )
         }

@@ -159,7 +159,7 @@ fn read_map(folder: &Path, entry: &Value, size: [u32; 3]) -> Result<Map> {
     let bytes = match &file {
         None => Vec::new(),
         Some(file) => numbers(&read_file(folder, file)?, width * count)
-            .with_context(|| format!("{file} is not what maps.json says"))?,
+            .with_context(|| format!("{file} differs from its description in maps.json"))?,
     };
     Ok(Map {
         of: text("of").context("what a map is of")?,

@@ -36,7 +36,7 @@ macro_rules! compiled {
             match tier {
                 // SAFETY: the caller has checked that the machine has the tier.
                 Tier::Avx512 => Some(|inputs, out| unsafe { avx512(inputs, out) }),
-                // SAFETY: as above.
+                // SAFETY: the caller has checked that the machine has the tier.
                 Tier::Avx2 => Some(|inputs, out| unsafe { avx2(inputs, out) }),
                 Tier::Portable => None,
             }

@@ -148,7 +148,7 @@ impl Tuff {
         // SAFETY: the structures are alive and stay as they are.
         let mut walk = unsafe { Walk::new(0, &Ray::default()) };
         for ray in rays {
-            // SAFETY: as above.
+            // SAFETY: the structures are alive and stay as they are.
             unsafe { walk.restart(self.top.address(), ray) };
             walk.resume(&mut walker, Verdict::Continue, &mut { u64::MAX });
             if let Some(hit) = walk.committed() {

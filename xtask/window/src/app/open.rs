@@ -119,8 +119,7 @@ impl App<'_> {
         Ok(true)
     }
 
-    /// A surface that is lost is made again once; what is lost twice without a picture in between
-    /// is gone.
+    /// Recreates a lost surface. A second loss without a picture in between ends the window.
     pub(super) fn lose_surface(&mut self) -> Result<()> {
         if self.was_lost {
             bail!("the window's surface is lost");

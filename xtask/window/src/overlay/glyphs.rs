@@ -52,7 +52,7 @@ impl<'a> Glyphs<'a> {
         }
     }
 
-    /// Sends all of it to the device, and points the set at it; nothing may be in flight.
+    /// Uploads the whole texture, and updates the set; no frame may be in flight.
     pub fn upload(&mut self, sampler: vk::Sampler, set: vk::DescriptorSet) -> Result<()> {
         let context = self.context;
         let (width, height) = (self.size[0] as u32, self.size[1] as u32);
