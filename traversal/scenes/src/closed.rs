@@ -209,13 +209,13 @@ fn rays(
         let weight = match rays.len() % 3 {
             0 => 0.0,
             1 => random.unit(),
-            _ => 10f64.powf(-6.0 * random.unit()),
+            _ => libm::pow(10.0, -6.0 * random.unit()),
         };
-        let beside = 10f64.powf(-9.0 + 5.0 * random.unit());
+        let beside = libm::pow(10.0, -9.0 + 5.0 * random.unit());
         let beside = random.vector() * beside;
         let target = a + weight * (b - a) + beside;
         let far = mean(mesh, random);
-        let part = 10f64.powf(-6.0 * random.unit()) * if inside { 1.0 } else { -1.0 };
+        let part = libm::pow(10.0, -6.0 * random.unit()) * if inside { 1.0 } else { -1.0 };
         let near = target + part * (far - target);
         let origin = narrow(near);
         let fits = match closed {

@@ -273,7 +273,7 @@ fn needles(aspect: f64, random: &mut Random, count: usize) -> Hard {
     }
     aimed(mesh, Aim::Everywhere, random, count, |target, _, random| {
         let tilt = random.vector();
-        let far = 10f64.powf(-2.0 * random.unit());
+        let far = libm::pow(10.0, -2.0 * random.unit());
         let from = DVec3::new(tilt.x, 0.3 * tilt.y, 1.0);
         Some((target + far * from, 1.0))
     })
@@ -341,8 +341,9 @@ fn grazing(angle: f64, random: &mut Random, count: usize) -> Hard {
         count,
         |target, _, random| {
             let turn = random.unit() * std::f64::consts::TAU;
-            let (up, along) = angle.min(1.5).sin_cos();
-            let way = FRAME * DVec3::new(turn.cos() * along, turn.sin() * along, up);
+            let (up, along) = libm::sincos(angle.min(1.5));
+            let (sine, cosine) = libm::sincos(turn);
+            let way = FRAME * DVec3::new(cosine * along, sine * along, up);
             is_inner(target, FRAME).then(|| (target + 3.0 * way, 1.0))
         },
     )

@@ -58,7 +58,7 @@ impl Mesh {
         height: f32,
     ) {
         self.patch(columns, rows, |u, v| {
-            let (sin, cos) = (TAU * u).sin_cos();
+            let (sin, cos) = libm::sincosf(TAU * u);
             let r = radius(v);
             base + vec3(r * cos, height * v, r * sin)
         });

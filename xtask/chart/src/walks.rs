@@ -188,7 +188,8 @@ pub const CONTESTANTS: &[Contestant] = &[
 /// A bumpy sphere of 81,920 triangles.
 pub fn bumpy() -> Mesh {
     Mesh::icosphere(6, true, |p| {
-        let size = 1.0 + 0.05 * (9.0 * p[0]).sin() * (8.0 * p[1] + 1.0).cos() * (7.0 * p[2]).sin();
+        let [x, y, z] = p.to_array();
+        let size = 1.0 + 0.05 * libm::sin(9.0 * x) * libm::cos(8.0 * y + 1.0) * libm::sin(7.0 * z);
         p * size
     })
 }

@@ -37,7 +37,7 @@ pub fn refit(gpu: &Gpu, scale: &Scale) -> Prepared {
         .mesh
         .corners
         .iter()
-        .map(|&[x, y, z]| [x, y + 0.3 * (0.5 * x).sin(), z])
+        .map(|&[x, y, z]| [x, y + 0.3 * libm::sinf(0.5 * x), z])
         .collect();
     site.corners.write(0, &moved);
     let turn = gpu.record(|commands| {

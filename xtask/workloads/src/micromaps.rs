@@ -64,7 +64,7 @@ fn state(part: u32) -> u8 {
     let radius = 0.05_f32.sqrt();
     let margin = 0.746 / f32::from(1u16 << LEVEL) + 1e-4;
     let [u, v] = part_centre(LEVEL, part).map(|it| it - 1.0 / 3.0);
-    let distance = u.hypot(v);
+    let distance = libm::hypotf(u, v);
     if distance < radius - margin {
         OPAQUE
     } else if distance > radius + margin {

@@ -103,7 +103,8 @@ fn scattered(normal: DVec3, seed: &mut u32) -> DVec3 {
     let z = 1.0 - 2.0 * random(seed);
     let turn = constant(std::f32::consts::TAU) * random(seed);
     let r = (1.0 - z * z).max(0.0).sqrt();
-    let direction = dvec3(r * turn.cos(), r * turn.sin(), z);
+    let (sine, cosine) = libm::sincos(turn);
+    let direction = dvec3(r * cosine, r * sine, z);
     (normal + direction * constant(0.999)).normalize()
 }
 

@@ -112,8 +112,8 @@ pub fn print(results: &Results) {
                 .filter_map(|measurement| measurement.ratio(other))
                 .collect();
             if !ratios.is_empty() {
-                let sum: f64 = ratios.iter().map(|ratio| ratio.ln()).sum();
-                let mean = (sum / ratios.len() as f64).exp();
+                let sum: f64 = ratios.iter().map(|ratio| libm::log(*ratio)).sum();
+                let mean = libm::exp(sum / ratios.len() as f64);
                 println!("0 against {other}, bound by {bounds}: {mean:.2}× in the geometric mean");
             }
         }

@@ -38,7 +38,8 @@ pub const REACH: f32 = 50.0;
 
 /// The height of the ground at a place.
 pub fn height(x: f32, z: f32) -> f32 {
-    let octave = |scale: f32, size: f32| (x * scale).sin() * (z * scale * 1.1 + 0.5).cos() * size;
+    let octave =
+        |scale: f32, size: f32| libm::sinf(x * scale) * libm::cosf(z * scale * 1.1 + 0.5) * size;
     octave(0.11, 2.0) + octave(0.37, 0.6) + octave(1.3, 0.12) + octave(4.1, 0.03)
 }
 
@@ -100,8 +101,9 @@ pub fn leaves(count: usize) -> Mesh {
         let middle = vec3(x, height(x, z) + between(&mut random, 0.2, 3.0), z);
         let turn = between(&mut random, 0.0, std::f32::consts::TAU);
         let tilt = between(&mut random, -0.8, 0.8);
-        let along = vec3(turn.cos(), tilt, turn.sin()) * 0.4;
-        let across = vec3(-turn.sin(), 0.3, turn.cos()) * 0.3;
+        let (sine, cosine) = libm::sincosf(turn);
+        let along = vec3(cosine, tilt, sine) * 0.4;
+        let across = vec3(-sine, 0.3, cosine) * 0.3;
         let first = mesh.corners.len() as u32;
         for (u, v) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
             mesh.corners.push((middle + along * u + across * v).into());
@@ -152,7 +154,8 @@ pub fn placements(count: usize, materials: u32) -> Vec<Placement> {
     let mut random = Rng::with_seed(11);
     let mut place = |at: Vec3| {
         let size = between(&mut random, 0.3, 1.2);
-        let turn = Quat::from_rotation_y(between(&mut random, 0.0, 6.0));
+        let (sine, cosine) = libm::sincosf(between(&mut random, 0.0, 6.0) * 0.5);
+        let turn = Quat::from_xyzw(0.0, sine, 0.0, cosine);
         let stretched = vec3(size, size * between(&mut random, 0.6, 1.4), size);
         Placement {
             transform: Affine3A::from_scale_rotation_translation(stretched, turn, at),

@@ -28,7 +28,8 @@ pub fn cuboid(size: [f64; 3]) -> Mesh {
 pub(super) fn circle(sides: u32, radius: f64) -> Vec<[f64; 2]> {
     let angle = |i: u32| f64::from(i) / f64::from(sides) * std::f64::consts::TAU + 0.3;
     (0..sides)
-        .map(|i| [radius * angle(i).cos(), radius * angle(i).sin()])
+        .map(|i| libm::sincos(angle(i)))
+        .map(|(sine, cosine)| [radius * cosine, radius * sine])
         .collect()
 }
 
@@ -145,7 +146,7 @@ pub(super) fn lantern(sides: u32, rows: u32, height: f64) -> Mesh {
         let turn = std::f64::consts::PI / f64::from(sides) * f64::from(row % 2);
         let z = height * f64::from(row) / f64::from(rows - 1);
         let place = |[x, y]: [f64; 2]| {
-            let (sin, cos) = turn.sin_cos();
+            let (sin, cos) = libm::sincos(turn);
             [cos * x - sin * y, sin * x + cos * y, z]
         };
         vertices.extend(circle(sides, 1.0).into_iter().map(place));

@@ -164,7 +164,7 @@ fn add_tables(mesh: &mut Mesh, random: &mut Rng) {
                 at,
                 40,
                 36,
-                |v| 0.09 - 0.06 * (PI * (v / waist).min(1.4)).sin(),
+                |v| 0.09 - 0.06 * libm::sinf(PI * (v / waist).min(1.4)),
                 0.35,
             );
         }
@@ -201,7 +201,7 @@ fn interior() -> SceneParts {
     // Curtains.
     for (x, z) in [(0.15, 1.0), (0.15, 5.0), (9.85, 3.0)] {
         mesh.patch(70, 40, |u, v| {
-            let fold = 0.06 * (u * 40.0).sin() * (1.0 - 0.5 * v);
+            let fold = 0.06 * libm::sinf(u * 40.0) * (1.0 - 0.5 * v);
             vec3(x + fold, 0.2 + 3.0 * v, z + 1.8 * u)
         });
     }
@@ -211,7 +211,7 @@ fn interior() -> SceneParts {
     for i in 0..4 {
         let center = vec3(1.0 + 0.75 * i as f32, 0.45, 7.2);
         mesh.sphere(9, |d| {
-            let box_like = d.signum() * d.abs().powf(0.4);
+            let box_like = d.signum() * d.abs().map(|it| libm::powf(it, 0.4));
             center + vec3(0.38, 0.22, 0.45) * box_like
         });
     }

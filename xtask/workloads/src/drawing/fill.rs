@@ -225,7 +225,7 @@ pub fn tone_map(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let film = |light: f32| {
         let light = f64::from(light);
         let film = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14);
-        (film.clamp(0.0, 1.0).powf(1.0 / 2.2) * 255.0).round() as u8
+        (libm::pow(film.clamp(0.0, 1.0), 1.0 / 2.2) * 255.0).round() as u8
     };
     let expected = move |x: u32, y: u32| {
         let [red, green, blue, _] = light(x, y);

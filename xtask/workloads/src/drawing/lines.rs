@@ -24,7 +24,7 @@ fn curve(number: u32, [width, height]: [u32; 2]) -> impl Iterator<Item = [f32; 2
     (0..=LINES).map(move |place| {
         let along = place as f32 / LINES as f32;
         let x = 2.0 + along * (width - 4.0);
-        let wave = (along * 23.0 + phase).sin() + 0.4 * (along * 71.0 - phase).sin();
+        let wave = libm::sinf(along * 23.0 + phase) + 0.4 * libm::sinf(along * 71.0 - phase);
         [x, middle + wave * 0.06 * height]
     })
 }
@@ -91,10 +91,8 @@ fn check(gpu: &Gpu, canvas: &Canvas, width: f32) -> Result<()> {
     for number in 0..CURVES {
         let places: Vec<[f32; 2]> = curve(number, [canvas.width, canvas.height]).collect();
         for ends in places.windows(2) {
-            let steps = (ends[1][0] - ends[0][0])
-                .hypot(ends[1][1] - ends[0][1])
-                .ceil()
-                * 2.0;
+            let [across, down] = [0, 1].map(|i: usize| ends[1][i] - ends[0][i]);
+            let steps = libm::hypotf(across, down).ceil() * 2.0;
             for step in 0..=steps as u32 {
                 let share = step as f32 / steps;
                 let at = [0, 1].map(|i: usize| ends[0][i] + share * (ends[1][i] - ends[0][i]));

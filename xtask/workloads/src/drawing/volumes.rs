@@ -323,7 +323,7 @@ fn check(gpu: &Gpu, view: &View, color: &Canvas, balls: &[Vec4]) -> Result<()> {
         };
         let tint = dvec3(0.0, 2.1, 4.2)
             .to_array()
-            .map(|it| 0.5 + 0.5 * (it + phase).cos());
+            .map(|it| 0.5 + 0.5 * libm::cos(it + phase));
         tint.map(|tint| (tint * (f64::from(AMBIENT) + share)).min(1.0) * 255.0)
             .map(|it| it as u8)
     };

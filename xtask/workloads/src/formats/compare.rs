@@ -118,9 +118,9 @@ fn mean<'r>(ratios: impl IntoIterator<Item = &'r Ratio>) -> Option<f64> {
     let counted = ratios
         .into_iter()
         .filter(|ratio| ratio.disagreement.is_none());
-    let logarithms: Vec<f64> = counted.map(|ratio| ratio.value().ln()).collect();
+    let logarithms: Vec<f64> = counted.map(|ratio| libm::log(ratio.value())).collect();
     let sum: f64 = logarithms.iter().sum();
-    (!logarithms.is_empty()).then(|| (sum / logarithms.len() as f64).exp())
+    (!logarithms.is_empty()).then(|| libm::exp(sum / logarithms.len() as f64))
 }
 
 /// A table with a row for each format, a column for each access and a number for each shape; then
