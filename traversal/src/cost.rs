@@ -4,13 +4,15 @@
 //! shortcuts that depend on the machine. Every instruction set visits the same nodes, so the counts
 //! are those of the ray and of the structures, and of nothing else.
 
+use lanes::LaneMask;
+
 use crate::layout::{NodeAt, child};
 use crate::live::Live;
 use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
 use crate::walk::level::Entered;
 use crate::walk::meter::Meter;
-use crate::walk::{Event, Verdict, Walk, Walker};
+use crate::walk::{Event, Flight, PACKET, RayRows, Verdict, Walk, Walker};
 
 /// Visits of one ray, at most.
 const FUEL: u64 = 1 << 24;
@@ -103,6 +105,32 @@ impl<'a> RayCosts<'a> {
             }
         }
         cost
+    }
+}
+
+impl RayCosts<'_> {
+    /// Walks rays of a group that start, one after the other, to their hits. Stops at candidates:
+    /// returns the rays that met none and are over. Their costs are those of [`Self::of`], their
+    /// hits those of [`Walker::trace`]. The others have not started.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray, until the last one is walked.
+    pub unsafe fn walk_to_ends(
+        &mut self,
+        rays: &RayRows,
+        lanes: LaneMask,
+        flight: &mut Flight,
+        costs: &mut [RayCost; PACKET],
+    ) -> LaneMask {
+        let walker = &mut *self.walker;
+        walker.clear_flight(flight);
+        *costs = [RayCost::default(); PACKET];
+        let mut over = lanes;
+        let stop = &mut |lane: usize, _: &mut Walk, _: Event| over.remove(lane);
+        let (hits, fuel) = (&mut flight.hits, &mut { FUEL });
+        // SAFETY: the caller's promise.
+        unsafe { walker.meter_in_turn(rays, lanes, hits, fuel, costs, stop) };
+        over
     }
 }
 

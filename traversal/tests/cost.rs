@@ -157,3 +157,52 @@ fn costs_are_the_same_on_every_machine() {
         assert!(hits.iter().zip(&best).all(is_met));
     }
 }
+
+/// Rays that walk to their ends while they are counted have the hits of other walks and the costs
+/// of walks that are for these alone. Those that meet candidates are left.
+#[test]
+fn rays_are_counted_while_they_walk() {
+    let mut random = Random(11);
+    let ball = |size: f64, opaque| Mesh::icosphere(2, opaque, |point| point * size);
+    let opaque = Scene::new(&[ball(1.0, true)], 0);
+    let mixed = Scene::new(&[ball(0.9, true), ball(0.5, false)], 0);
+    let place = |x: f32| {
+        let transform = [1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        InstanceRecord::new(&opaque.bottom, transform)
+    };
+    let many = build_instances(&[place(-1.5), place(0.0), place(1.5)], 0);
+    let (mut left, mut walked) = (0, 0);
+    for top in [&opaque.top, &mixed.top, &many] {
+        let mut walker = Walker::new();
+        // SAFETY: the scene is alive, here and below.
+        let mut costs = unsafe { RayCosts::new(&mut walker, &EVERYWHERE) };
+        let mut flight = Flight::default();
+        for _ in 0..30 {
+            let (mut rows, mut rays) = (RayRows::NONE, Vec::new());
+            for lane in 0..PACKET {
+                let origin = narrow(random.vector() * 3.0);
+                let ray = ray(origin, narrow(random.direction()));
+                rows.set(lane, top.address(), &ray, 0.0);
+                rays.push(ray);
+            }
+            let mut found = [RayCost::default(); PACKET];
+            let lanes = LaneMask::ALL - LaneMask::of(3);
+            let over = unsafe { costs.walk_to_ends(&rows, lanes, &mut flight, &mut found) };
+            assert!(!over.contains(3));
+            for lane in lanes {
+                let (ray, hit) = (&rays[lane], closest(top, &rays[lane]));
+                let meets = cost(top, ray, None).any_hit_candidates > 0;
+                assert_eq!(over.contains(lane), !meets);
+                if meets {
+                    left += 1;
+                    continue;
+                }
+                walked += usize::from(hit.is_some());
+                assert_eq!(found[lane], cost(top, ray, hit.as_ref()));
+                let bits = |hit: Option<Hit>| hit.map(|hit| (hit.t.to_bits(), hit));
+                assert_eq!(bits(flight.hits.get(lane)), bits(hit));
+            }
+        }
+    }
+    assert!(left > 0 && walked > 50, "{left} and {walked}");
+}

@@ -21,12 +21,14 @@ use super::structures::{DescribedStructure, KnownStructures};
 use crate::settings::{CaptureSettings, settings};
 use crate::timeline::file::ArrayFile;
 use crate::wave::launch_counts::{
-    Counter, FinishedCounts, KeptInvocations, LaunchCounts, MOST_INVOCATIONS,
+    Counter, FinishedCounts, KeptInvocations, LaunchCounts, MOST_INVOCATIONS, SpareCounts,
 };
 use crate::wave::observer::Observer;
 
 /// Commands of a kind that are captured, at most.
 const MAX_COMMANDS: u64 = 64;
+/// Invocations whose counts leave their memory to the next command, at most.
+const MOST_SPARE: usize = 1 << 20;
 /// Bytes of files after which no command is captured any more.
 const MAX_BYTES: u64 = 2 << 30;
 
@@ -47,6 +49,9 @@ struct MapProgress {
     /// Of the files.
     bytes: u64,
     structures: KnownStructures,
+    spare: SpareCounts,
+    /// Memory for files.
+    file: Vec<u8>,
 }
 
 impl MapProgress {
@@ -122,6 +127,8 @@ pub fn maps(settings: &CaptureSettings) -> Option<&'static Maps> {
                 dropped: 0,
                 bytes: 0,
                 structures: KnownStructures::default(),
+                spare: SpareCounts::default(),
+                file: Vec::new(),
             }),
         })
     };
@@ -150,7 +157,8 @@ impl Maps {
         *commands += 1;
         let kept = KeptInvocations::new(first, extent, MOST_INVOCATIONS);
         let has_room = number < MAX_COMMANDS && progress.bytes < MAX_BYTES;
-        let made = || LaunchCounts::new(kept, !kind.is_pass());
+        let spare = std::mem::take(&mut progress.spare);
+        let made = || LaunchCounts::new(kept, !kind.is_pass(), spare);
         let Some(counts) = has_room.then(made).flatten() else {
             progress.dropped += 1;
             progress.note_dropped();
@@ -227,6 +235,9 @@ pub fn finish<'a>(
     });
     progress.list.append(&format!(",\n{command}"));
     progress.note_dropped();
+    if counts.kept.count() <= MOST_SPARE {
+        progress.spare = counts.into_spare();
+    }
 }
 
 /// Entries of a command in the list, whose files are written.
@@ -252,17 +263,17 @@ fn write_all(
     std::fs::create_dir_all(maps.folder.join(&folder))?;
     let mut entries = Vec::new();
     for &counter in counters {
-        let (entry, bytes) = write(maps, &folder, counts, counter)?;
+        let (entry, bytes) = write(maps, &folder, counts, counter, &mut progress.file)?;
         entries.push(entry);
         progress.bytes += bytes;
     }
     let mut first_rays = Value::Null;
     if let Some(first) = counts.first_rays() {
         let [x, y, z] = first.kept.size;
-        let bytes = npy::floats(&[z, y, x], &first.lines);
+        npy::floats(&mut progress.file, &[z, y, x], &first.lines);
         let file = format!("{folder}/first_rays.npy");
-        write_whole(&maps.folder.join(&file), &bytes)?;
-        progress.bytes += bytes.len() as u64;
+        write_whole(&maps.folder.join(&file), &progress.file)?;
+        progress.bytes += progress.file.len() as u64;
         first_rays = json!({ "file": file, "step": first.kept.step, "size": first.kept.size });
     }
     let mut structures = Vec::new();
@@ -280,13 +291,14 @@ fn write_all(
     })
 }
 
-/// Writes one map; returns its entry in the list, and how many bytes were written. One of zeros
-/// has no file.
+/// Writes one map, made in `bytes`; returns its entry in the list, and how many bytes were written.
+/// One of zeros has no file.
 fn write(
     maps: &Maps,
     folder: &str,
     counts: &FinishedCounts,
     counter: Counter,
+    bytes: &mut Vec<u8>,
 ) -> io::Result<(Value, u64)> {
     let values = counts.values(counter);
     let most = values.iter().copied().max().unwrap_or(0);
@@ -305,9 +317,9 @@ fn write(
         return Ok((entry, 0));
     }
     let [x, y, z] = counts.kept.size;
-    let bytes = npy::file([z, y, x], width, values);
+    npy::file(bytes, [z, y, x], width, values);
     let file = format!("{folder}/{name}.npy");
-    write_whole(&maps.folder.join(&file), &bytes)?;
+    write_whole(&maps.folder.join(&file), bytes)?;
     entry["file"] = file.into();
     Ok((entry, bytes.len() as u64))
 }

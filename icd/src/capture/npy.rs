@@ -47,17 +47,18 @@ impl Width {
 /// NumPy's name of `f32`.
 const FLOAT: &str = "<f4";
 
-/// A file of numbers, the last dimension fastest, none of which is too large for the width.
-pub fn file(shape: [u32; 3], width: Width, numbers: &[u32]) -> Vec<u8> {
+/// Makes a file of numbers, the last dimension fastest, none of which is too large for the width.
+/// It takes the place of what is in `bytes`.
+pub fn file(bytes: &mut Vec<u8>, shape: [u32; 3], width: Width, numbers: &[u32]) {
     let [depth, height, row] = shape;
     let shape = format!("{depth}, {height}, {row}");
-    let mut bytes = head(width.name(), &shape, numbers.len() * width.size_bytes());
+    let size_bytes = numbers.len() * width.size_bytes();
+    head(bytes, width.name(), &shape, size_bytes);
     match width {
         Width::One => bytes.extend(numbers.iter().map(|&number| number as u8)),
-        Width::Two => extend(&mut bytes, numbers, |&number| (number as u16).to_le_bytes()),
-        Width::Four => extend(&mut bytes, numbers, |number| number.to_le_bytes()),
+        Width::Two => extend(bytes, numbers, |&number| (number as u16).to_le_bytes()),
+        Width::Four => extend(bytes, numbers, |number| number.to_le_bytes()),
     }
-    bytes
 }
 
 /// Adds numbers of `N` bytes each. Into room that is there, which takes a fraction of the time of
@@ -71,18 +72,15 @@ fn extend<T, const N: usize>(bytes: &mut Vec<u8>, numbers: &[T], write: impl Fn(
     }
 }
 
-/// A file of floats: the shape's last dimension has `N`.
-pub fn floats<const N: usize>(shape: &[u32], rows: &[[f32; N]]) -> Vec<u8> {
+/// Makes a file of floats in the place of what is in `bytes`: the shape's last dimension has `N`.
+pub fn floats<const N: usize>(bytes: &mut Vec<u8>, shape: &[u32], rows: &[[f32; N]]) {
     let shape: String = shape.iter().map(|size| format!("{size}, ")).collect();
-    let mut bytes = head(FLOAT, &format!("{shape}{N}"), rows.len() * N * 4);
-    extend(&mut bytes, rows.as_flattened(), |number| {
-        number.to_le_bytes()
-    });
-    bytes
+    head(bytes, FLOAT, &format!("{shape}{N}"), rows.len() * N * 4);
+    extend(bytes, rows.as_flattened(), |number| number.to_le_bytes());
 }
 
-/// The head of a file, with room for so many bytes of numbers.
-fn head(descr: &str, shape: &str, size_bytes: usize) -> Vec<u8> {
+/// Begins a file anew: its head, and room for so many bytes of numbers.
+fn head(bytes: &mut Vec<u8>, descr: &str, shape: &str, size_bytes: usize) {
     let mut head = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({shape}), }}");
     // Spaces up to the newline.
     let end = (PREFIX_BYTES + head.len() + 1).next_multiple_of(ALIGNMENT);
@@ -90,12 +88,12 @@ fn head(descr: &str, shape: &str, size_bytes: usize) -> Vec<u8> {
         head.push(' ');
     }
     head.push('\n');
-    let mut bytes = Vec::with_capacity(end + size_bytes);
+    bytes.clear();
+    bytes.reserve(end + size_bytes);
     bytes.extend(b"\x93NUMPY\x01\x00");
     // The description is shorter than 200 bytes.
     bytes.extend((head.len() as u16).to_le_bytes());
     bytes.extend(head.as_bytes());
-    bytes
 }
 
 #[cfg(test)]
@@ -107,7 +105,9 @@ mod tests {
     fn files_are_what_the_format_says() {
         for (most, width) in [(7, 1), (0x1234, 2), (0x0001_0203, 4)] {
             let numbers = [0, 1, 2, 3, 4, most];
-            let file = file([1, 2, 3], Width::of(most), &numbers);
+            let mut bytes = vec![7; 3];
+            file(&mut bytes, [1, 2, 3], Width::of(most), &numbers);
+            let file = bytes;
             assert_eq!(&file[..8], b"\x93NUMPY\x01\x00");
             let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
             assert_eq!((PREFIX_BYTES + length) % ALIGNMENT, 0);
@@ -125,7 +125,12 @@ mod tests {
             });
             assert_eq!(read.collect::<Vec<u32>>(), numbers);
         }
-        let file = floats(&[2], &[[1.5, -2.0, 3.0], [0.25, 0.0, f32::INFINITY]]);
+        let mut file = Vec::new();
+        floats(
+            &mut file,
+            &[2],
+            &[[1.5, -2.0, 3.0], [0.25, 0.0, f32::INFINITY]],
+        );
         let length = usize::from(u16::from_le_bytes([file[8], file[9]]));
         let head = std::str::from_utf8(&file[10..10 + length]).expect("it is ASCII");
         assert!(head.contains("'descr': '<f4', 'fortran_order': False, 'shape': (2, 3), "));

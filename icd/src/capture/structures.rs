@@ -225,7 +225,8 @@ fn add_boxes(facts: &mut Value, structure: &Structure, files: &mut Vec<(String, 
         return;
     }
     let rows: Vec<[f32; 6]> = rows.collect();
-    let file = npy::floats(&[kept as u32], &rows);
+    let mut file = Vec::new();
+    npy::floats(&mut file, &[kept as u32], &rows);
     let name = format!("boxes-{:016x}.npy", xxh3_64(&file));
     let level = |level: &BoxLevel| json!({ "boxes": level.count, "kept": level.boxes.len() });
     facts["boxes"] = json!({

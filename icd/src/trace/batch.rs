@@ -92,8 +92,10 @@ pub struct Batch<'a> {
     pub(super) reordering: Vec<SubgroupIndex>,
     /// Subgroups of lines.
     pub(super) lines: LineLists,
-    /// An observer takes events of rays.
+    /// An observer takes events of rays or keeps counts.
     pub(super) is_watched: bool,
+    /// An observer takes events of rays. Lines are then not taken on directly.
+    pub(super) takes_events: bool,
     pub(super) memory: BatchMemory,
     /// The observer, if it takes events of waves.
     wave_observer: Option<&'a dyn Observer>,
@@ -122,6 +124,8 @@ impl<'a> Batch<'a> {
         walker.clear();
         // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
         unsafe { walker.set_live(&dispatch.limits.live) };
+        let takes_events = (dispatch.observer).is_some_and(|it| it.watches_rays());
+        let counting = Counting::new(dispatch.observer);
         Self {
             dispatch,
             grid,
@@ -132,11 +136,12 @@ impl<'a> Batch<'a> {
             deciding: Calls::default(),
             calls: Calls::default(),
             reordering: Vec::new(),
-            lines: LineLists::new(settings().direct && !dispatch.is_watched()),
-            is_watched: dispatch.is_watched(),
+            lines: LineLists::new(settings().direct && !takes_events),
+            is_watched: takes_events || counting.is_some(),
+            takes_events,
             memory: BatchMemory::default(),
             wave_observer: (dispatch.observer).filter(|it| it.interests().waves),
-            counting: Counting::new(dispatch.observer),
+            counting,
         }
     }
 
@@ -244,9 +249,7 @@ impl<'a> Batch<'a> {
     /// Walks all rays to their ends, with the shaders that decide on their candidates.
     fn trace_rays_to_their_ends(&mut self) -> Result<(), Stopped> {
         loop {
-            let started = self.start_clock();
             self.advance_walks()?;
-            self.count_walks(started)?;
             if self.ready.has_none(Turn::Deciders) {
                 if self.deciding.is_empty() {
                     return Ok(());

@@ -2,11 +2,19 @@
 
 use std::time::Instant;
 
+use lanes::LaneMask;
+use traversal::{Flights, PACKET, RayCost, RayCosts, RayRows};
+
 use super::batch::Batch;
+use super::line::{InPlace, Nested};
+use super::rays::{load_rays, structure_in};
 use super::subgroup::{Role, SubgroupIndex};
 use crate::wave::Stopped;
 use crate::wave::launch_counts::{Cells, Counter, LaunchCounts, WalkedRay};
 use crate::wave::queries::Counted;
+
+/// Groups of rays that walk by themselves between two looks at the limits.
+const GROUPS_BETWEEN_LOOKS: usize = 16;
 
 impl<'a> Batch<'a> {
     /// When something begins whose time counts.
@@ -32,38 +40,91 @@ impl<'a> Batch<'a> {
         counts.kept.cells(&launch.x, &launch.y, self.layer)
     }
 
-    /// Rays of a group begin.
+    /// Counts rays of groups that start, and walks each by itself: that is its first walk and the
+    /// one that is counted. Groups with rays that are not over then, and those that a line has put
+    /// off, stay in the list.
+    ///
+    /// # Errors
+    /// A limit was reached.
     #[cold]
-    pub(super) fn count_rays(&self, index: u32) {
+    pub(super) fn walk_alone(&mut self, groups: &mut Vec<u32>) -> Result<(), Stopped> {
         let Some(counts) = self.launch_counts() else {
-            return;
+            return Ok(());
         };
-        let group = &self.worker.ray_groups[index];
-        let caller = &self.worker.subgroups[group.caller];
-        let cells = self.cells(counts, group.caller);
-        let operands = group.operands(&self.worker.subgroups);
-        let rays = group.rays(operands, self.dispatch);
-        counts.note_structures(group.in_flight.iter().map(|lane| rays.top_level[lane]));
-        for lane in group.in_flight {
-            if let Some(cell) = cells[lane] {
-                let depth = 1 + self.depth(caller.role, caller.of[lane]);
-                counts.start_ray(cell, &rays.ray(lane), depth);
+        let walker = self.worker.walker.take();
+        let mut walker = walker.expect("it is there between traces");
+        // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
+        let mut costs = unsafe { RayCosts::new(&mut walker, &self.dispatch.limits.live) };
+        let (mut kept, mut walked) = (0, Ok(()));
+        for at in 0..groups.len() {
+            let index = groups[at];
+            if at % GROUPS_BETWEEN_LOOKS == 0 {
+                walked = self.out_of_fuel(index);
+            }
+            if walked.is_ok() && self.walk_group_alone(index, counts, &mut costs) {
+                walked = self.end_walks(index);
+            } else {
+                groups[kept] = index;
+                kept += 1;
+            }
+            if walked.is_err() {
+                break;
             }
         }
+        groups.truncate(kept);
+        self.worker.walker = Some(walker);
+        walked
     }
 
-    /// The walks of a group are over; they are counted behind those of the others.
+    /// The same for one group. Returns whether all its rays are over.
+    fn walk_group_alone(
+        &mut self,
+        index: u32,
+        counts: &LaunchCounts,
+        costs: &mut RayCosts<'_>,
+    ) -> bool {
+        let group = &self.worker.ray_groups[index];
+        if group.walked_alone.is_some() {
+            return false;
+        }
+        let (tier, lanes) = (self.dispatch.tier, group.in_flight);
+        let operands = group.operands(&self.worker.subgroups);
+        counts.note_structures(lanes.iter().map(|lane| structure_in(operands, lane)));
+        let cells = self.cells(counts, group.caller);
+        let is_kept = LaneMask::from_fn(|lane| cells[lane].is_some()) & lanes;
+        if is_kept.is_empty() {
+            return false;
+        }
+        let mut rays = RayRows::NONE;
+        load_rays(tier, group, operands, self.dispatch, &mut rays);
+        let caller = &self.worker.subgroups[group.caller];
+        let depth = |lane: usize| 1 + self.depth(caller.role, caller.of[lane]);
+        counts.start_rays(&cells, is_kept, &rays, depth);
+        let group = &mut self.worker.ray_groups[index];
+        let mut found = [RayCost::default(); PACKET];
+        let started = Instant::now();
+        // SAFETY: the application keeps the structures that a trace may reach built and bound until
+        // the dispatch is complete, as for other walks of the batch.
+        let over = unsafe { costs.walk_to_ends(&rays, is_kept, &mut group.flight, &mut found) };
+        counts.add_walks(started.elapsed(), &cells, over, &found);
+        group.walked_alone = Some(over);
+        over == lanes
+    }
+
+    /// The walks of a group are over; those that were not counted are counted behind those of the
+    /// others.
     #[cold]
     pub(super) fn note_walks(&mut self, index: u32) {
         let Some(mut counting) = self.counting.take() else {
             return;
         };
         let group = &self.worker.ray_groups[index];
-        if !group.is_recorded() {
+        let lanes = group.in_flight - group.walked_alone.unwrap_or_default();
+        if !group.is_recorded() && !lanes.is_empty() {
             let cells = self.cells(counting.counts, group.caller);
             let operands = group.operands(&self.worker.subgroups);
             let rays = group.rays(operands, self.dispatch);
-            for lane in group.in_flight {
+            for lane in lanes {
                 if let Some(cell) = cells[lane] {
                     counting.walked.push(WalkedRay {
                         cell,
@@ -96,31 +157,90 @@ impl<'a> Batch<'a> {
         let (time, counts) = (started.elapsed(), counting.counts);
         let lanes = |&index: &SubgroupIndex| self.worker.subgroups[index].lanes;
         let all = wave.iter().map(|index| lanes(index).count()).sum();
-        let cells = wave.iter().flat_map(|index| {
-            let cells = self.cells(counts, *index);
-            lanes(index).iter().filter_map(move |lane| cells[lane])
+        counts.add_time(time, all, |add| {
+            for index in wave {
+                add(&self.cells(counts, *index), lanes(index));
+            }
         });
-        counts.add_time(time, cells, all);
+    }
+
+    /// Shaders in place have run: their lanes share the time. `calls`: their groups of rays and
+    /// lanes.
+    pub(super) fn count_in_place(
+        &self,
+        started: Option<Instant>,
+        calls: impl Iterator<Item = (u32, LaneMask)> + Clone,
+    ) {
+        let (Some(counting), Some(started)) = (&self.counting, started) else {
+            return;
+        };
+        let (time, counts) = (started.elapsed(), counting.counts);
+        let all = calls.clone().map(|(_, lanes)| lanes.count()).sum();
+        counts.add_time(time, all, |add| {
+            for (group, lanes) in calls.clone() {
+                add(&self.cells_of_rays(counts, group), lanes);
+            }
+        });
+    }
+
+    /// Callables in place have run, which shaders in place have called.
+    pub(super) fn count_nested(
+        &self,
+        started: Option<Instant>,
+        nested: &[Nested],
+        callers: &[InPlace],
+    ) {
+        if let Some(counts) = self.launch_counts() {
+            let calls = nested
+                .iter()
+                .map(|call| (callers[call.caller].group, call.lanes));
+            for (group, lanes) in calls.clone() {
+                counts.add_one(
+                    Counter::Callables,
+                    &self.cells_of_rays(counts, group),
+                    lanes,
+                );
+            }
+            self.count_in_place(started, calls);
+        }
+    }
+
+    fn cells_of_rays(&self, counts: &LaunchCounts, group: u32) -> Cells {
+        self.cells(counts, self.worker.ray_groups[group].caller)
+    }
+
+    /// Hit and miss shaders begin in place.
+    pub(super) fn count_calls(&self, calls: &[InPlace]) {
+        let Some(counts) = self.launch_counts() else {
+            return;
+        };
+        for call in calls {
+            if let Some(counter) = counter_of(call.role) {
+                counts.add_one(counter, &self.cells_of_rays(counts, call.group), call.lanes);
+            }
+        }
     }
 
     /// A called subgroup begins.
     #[cold]
     pub(super) fn count_call(&self, index: SubgroupIndex) {
-        let Some(counts) = self.launch_counts() else {
-            return;
-        };
         let subgroup = &self.worker.subgroups[index];
-        let counter = match subgroup.role {
-            Role::RayGeneration => return,
-            Role::AnyHit | Role::AnyHitOfReport => Counter::AnyHitShaders,
-            Role::Intersection => Counter::IntersectionShaders,
-            Role::ClosestHit => Counter::ClosestHits,
-            Role::Miss => Counter::Misses,
-            Role::Callable => Counter::Callables,
-        };
-        let cells = self.cells(counts, index);
-        for cell in subgroup.lanes.iter().filter_map(|lane| cells[lane]) {
-            counts.add(counter, cell, 1);
+        if let Some(counts) = self.launch_counts()
+            && let Some(counter) = counter_of(subgroup.role)
+        {
+            counts.add_one(counter, &self.cells(counts, index), subgroup.lanes);
         }
     }
+}
+
+/// The count of invocations of a shader.
+fn counter_of(role: Role) -> Option<Counter> {
+    Some(match role {
+        Role::RayGeneration => return None,
+        Role::AnyHit | Role::AnyHitOfReport => Counter::AnyHitShaders,
+        Role::Intersection => Counter::IntersectionShaders,
+        Role::ClosestHit => Counter::ClosestHits,
+        Role::Miss => Counter::Misses,
+        Role::Callable => Counter::Callables,
+    })
 }

@@ -31,6 +31,17 @@ use crate::wave::Stopped;
 use crate::wave::rows::copy_lanes;
 use crate::wave::table::ProgramIndex;
 
+/// The numbers of all states of a wave.
+const NUMBERS: [usize; MAX_SUBGROUPS] = {
+    let mut numbers = [0; MAX_SUBGROUPS];
+    let mut number = 0;
+    while number < MAX_SUBGROUPS {
+        numbers[number] = number;
+        number += 1;
+    }
+    numbers
+};
+
 impl Batch<'_> {
     /// Whether a subgroup at a yield is to be answered in a line.
     pub(super) fn is_for_line(&self, index: SubgroupIndex, site: SiteKind) -> bool {
@@ -66,7 +77,9 @@ impl Batch<'_> {
         others: &mut Vec<Noted>,
     ) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[raygen as usize];
+        let started = self.start_clock();
         let events = self.run_to_events(raygen, line)?;
+        self.count_wave(started, line);
         let checked = self.look_at_limits(&events);
         checked.inspect_err(|_| self.note_stop(line[0]))?;
         let trace = match events.all() {
@@ -155,7 +168,7 @@ impl Batch<'_> {
             groups.push(self.start_rays(index, lanes, trace));
         }
         self.lines.is_answered = true;
-        self.walk_together(&groups)?;
+        self.walk_together(&mut groups)?;
         self.run_calls_in_place(members.len())?;
         self.lines.is_answered = false;
         groups.clear();
@@ -177,7 +190,9 @@ impl Batch<'_> {
             }
             return Ok(());
         }
+        let started = self.start_clock();
         let events = self.run_to_events(program, wave)?;
+        self.count_wave(started, wave);
         for (&index, event) in wave.iter().zip(events.iter()) {
             match event {
                 Event::End => self.end(index),
@@ -261,13 +276,17 @@ impl Batch<'_> {
             start_in_place(compiled, state, call.lanes, outputs_to[place]);
             self.fill_in_place(compiled, call, plan, state);
         }
+        self.count_calls(calls);
         // Those that stand at one point, by their numbers.
-        let mut running: [usize; MAX_SUBGROUPS] = std::array::from_fn(|place| place);
+        let mut running = NUMBERS;
         let mut count = calls.len();
         while count > 0 {
             let of = (&**compiled, program);
             let numbers = &running[..count];
+            let started = self.start_clock();
             let event = self.run_numbered(of, &mut states, (numbers, &outputs_to), 1)?;
+            let run = numbers.iter().map(|&number| &calls[number]);
+            self.count_in_place(started, run.map(|call| (call.group, call.lanes)));
             let mut going_on = 0;
             for at in 0..count {
                 let (place, call) = (running[at], &calls[running[at]]);
@@ -429,10 +448,10 @@ impl Batch<'_> {
                     let group = calls[call.caller].group;
                     self.fill_by(plan, (group, call.record), data, inputs);
                 }
-                let numbers: [usize; MAX_SUBGROUPS] = std::array::from_fn(|place| place);
-                let of = (&**compiled, program);
-                let numbers = (&numbers[..wave.len()], &outputs_to);
-                let event = self.run_numbered(of, &mut inner, numbers, 2)?;
+                let numbers = (&NUMBERS[..wave.len()], &outputs_to);
+                let started = self.start_clock();
+                let event = self.run_numbered((compiled, program), &mut inner, numbers, 2)?;
+                self.count_nested(started, wave, calls);
                 for (at, (call, state)) in wave.iter().zip(inner.chunks_exact(rows)).enumerate() {
                     let outer = &mut states[call.caller * layout.rows..][..layout.rows];
                     let data = &mut outer[layout.io + IO_DATA_ROW..][..words];

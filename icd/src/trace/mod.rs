@@ -165,11 +165,6 @@ impl Tracer {
 }
 
 impl Dispatch<'_> {
-    /// An observer takes events of rays. Lines are then not taken on directly.
-    fn is_watched(&self) -> bool {
-        (self.observer).is_some_and(|observer| observer.watches_rays())
-    }
-
     /// The ray generation shader and its record.
     fn raygen(&self) -> Option<(table::ProgramIndex, u64)> {
         let (record, handle) = self.tables.raygen.handle(0)?;

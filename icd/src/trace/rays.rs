@@ -64,6 +64,8 @@ pub struct RayGroup {
     pub in_flight: LaneMask,
     /// How far they are: what was found, and candidates.
     pub flight: Flight,
+    /// Lanes whose rays walked to their ends by themselves, once a capture has counted them.
+    pub walked_alone: Option<LaneMask>,
     /// Lanes about whose candidates shaders have not decided yet.
     pub undecided: LaneMask,
     /// Stores hits in hit objects.
@@ -82,6 +84,7 @@ impl RayGroup {
         self.caller = caller;
         self.io = io;
         self.in_flight = lanes;
+        self.walked_alone = None;
         self.fills_hit_object = false;
         self.has_time = false;
         self.is_recorded = false;

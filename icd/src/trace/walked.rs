@@ -1,5 +1,5 @@
-//! The rays of a batch whose walks are over, where a capture counts them: each is walked once more,
-//! by itself.
+//! The rays of a batch that met candidates and whose walks are over, where a capture counts them:
+//! each is walked once more, by itself.
 
 use std::time::Duration;
 

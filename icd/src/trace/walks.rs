@@ -18,7 +18,7 @@ impl Flights for Batch<'_> {
         let operands = group.operands(&self.worker.subgroups);
         load_rays(self.dispatch.tier, group, operands, self.dispatch, rays);
         Start {
-            lanes: group.in_flight,
+            lanes: group.in_flight - group.walked_alone.unwrap_or_default(),
             shows_first_hit: shows_first_hit(operands, group.in_flight, group.fills_hit_object),
             shows_order: false,
         }
@@ -45,10 +45,15 @@ impl Flights for Batch<'_> {
 impl Batch<'_> {
     /// Advances all rays until a shader has to run, or to their ends.
     pub(super) fn advance_walks(&mut self) -> Result<(), Stopped> {
+        let mut starting = std::mem::take(&mut self.walks.starting);
+        let mut apart = std::mem::take(&mut self.walks.apart);
+        if self.counting.is_some() {
+            self.walk_alone(&mut starting)?;
+            self.walk_alone(&mut apart)?;
+        }
+        let started = self.start_clock();
         let walker = self.worker.walker.take();
         let mut walker = walker.expect("it is there between traces");
-        let starting = std::mem::take(&mut self.walks.starting);
-        let apart = std::mem::take(&mut self.walks.apart);
         // SAFETY: the application keeps the structures that a trace may reach built and bound until
         // the dispatch is complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands'
         // rules); so here and below.
@@ -64,12 +69,17 @@ impl Batch<'_> {
             }
         }
         self.worker.walker = Some(walker);
-        advanced
+        advanced?;
+        self.count_walks(started)
     }
 
     /// Walks groups of rays that go together until a shader has to run, or to their ends; the
     /// others are put off.
-    pub(super) fn walk_together(&mut self, groups: &[u32]) -> Result<(), Stopped> {
+    pub(super) fn walk_together(&mut self, groups: &mut Vec<u32>) -> Result<(), Stopped> {
+        if self.counting.is_some() {
+            self.walk_alone(groups)?;
+        }
+        let started = self.start_clock();
         let walker = self.worker.walker.take();
         let mut walker = walker.expect("it is there between traces");
         let mut apart = std::mem::take(&mut self.walks.apart);
@@ -77,7 +87,8 @@ impl Batch<'_> {
         let walked = unsafe { walker.trace_together(groups, &mut apart, self) };
         self.walks.apart = apart;
         self.worker.walker = Some(walker);
-        walked
+        walked?;
+        self.count_walks(started)
     }
 
     /// Calls the shaders that decide on the candidates of rays. Where a group has none, triangles

@@ -19,6 +19,9 @@ impl<'a> Batch<'a> {
     /// The observer and the lane of the observed invocation, if it is one of some lanes of a
     /// subgroup.
     fn observed(&self, index: SubgroupIndex, lanes: LaneMask) -> Option<(&'a dyn Observer, usize)> {
+        if !self.takes_events {
+            return None;
+        }
         let observer = self.dispatch.observer?;
         let [x, y, z] = observer.invocation()?;
         if z != self.layer {
@@ -50,6 +53,9 @@ impl<'a> Batch<'a> {
     /// Rays that a trace instruction has started.
     #[cold]
     pub(super) fn watch_rays(&self, index: u32, trace: Trace) {
+        if !self.takes_events {
+            return;
+        }
         let instruction = match trace.to_hit_object {
             true => Instruction::HitObjectTrace,
             false => Instruction::TraceRay,
@@ -61,9 +67,6 @@ impl<'a> Batch<'a> {
     /// The observed ray of a group that starts, if it is there.
     #[cold]
     pub(super) fn watch_ray(&self, index: u32, instruction: Instruction) {
-        if instruction != Instruction::HitObjectExecute {
-            self.count_rays(index);
-        }
         let group = &self.worker.ray_groups[index];
         let Some((observer, lane)) = self.observed(group.caller, group.in_flight) else {
             return;
@@ -174,6 +177,9 @@ impl<'a> Batch<'a> {
     #[cold]
     pub(super) fn watch_end_of_walks(&mut self, index: u32, records: &Row) {
         self.note_walks(index);
+        if !self.takes_events {
+            return;
+        }
         let group = &self.worker.ray_groups[index];
         let lanes = group.in_flight;
         let operands = group.operands(&self.worker.subgroups);

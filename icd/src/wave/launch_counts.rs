@@ -7,10 +7,11 @@ use std::num::NonZeroU32;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
+use lanes::LaneMask;
 use parking_lot::Mutex;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::Row;
-use traversal::{Hit, Ray, RayCosts};
+use traversal::{Hit, PACKET, Ray, RayCost, RayCosts, RayRows};
 
 /// Invocations of a command that are kept, at most: of more, one in a few is.
 pub const MOST_INVOCATIONS: u64 = 1 << 22;
@@ -224,23 +225,35 @@ pub struct LaunchCounts {
     latest_structure: AtomicU64,
 }
 
+/// Memory of counts that are written, for those of the next command.
+#[derive(Default)]
+pub struct SpareCounts {
+    counts: Vec<AtomicU32>,
+    lines: Vec<[AtomicU32; LINE]>,
+}
+
 impl LaunchCounts {
     /// Zeros; `None` where there is no memory for them. `has_lines`: first rays are kept, too.
-    pub fn new(kept: KeptInvocations, has_lines: bool) -> Option<Self> {
+    pub fn new(kept: KeptInvocations, has_lines: bool, spare: SpareCounts) -> Option<Self> {
         let length = kept.count();
         let numbers = length.checked_mul(SLOTS)?;
-        let mut counts = Vec::new();
+        let SpareCounts {
+            mut counts,
+            mut lines,
+        } = spare;
+        counts.clear();
         counts.try_reserve_exact(numbers).ok()?;
         counts.resize_with(numbers, AtomicU32::default);
         let kept_lines = KeptInvocations::new([0; 3], kept.size, MOST_LINES);
         let none = || [0; LINE].map(|_| AtomicU32::new(f32::NAN.to_bits()));
-        let count = if has_lines { kept_lines.count() } else { 0 };
+        lines.clear();
+        lines.resize_with(if has_lines { kept_lines.count() } else { 0 }, none);
         Some(Self {
             kept,
             length,
             counts,
             kept_lines,
-            lines: std::iter::repeat_with(none).take(count).collect(),
+            lines,
             structures: Mutex::default(),
             latest_structure: AtomicU64::new(0),
         })
@@ -259,47 +272,118 @@ impl LaunchCounts {
         count.store(sum, Ordering::Relaxed);
     }
 
-    /// Adds time that invocations have taken together.
-    pub fn add_time(&self, time: Duration, cells: impl Iterator<Item = Cell>, lanes: u32) {
-        let each = time.as_nanos() / u128::from(lanes.max(1));
-        let each = u32::try_from(each).unwrap_or(u32::MAX);
-        for cell in cells {
-            self.add(Counter::Nanoseconds, cell, each);
+    /// Adds 1 for each of some lanes.
+    pub fn add_one(&self, counter: Counter, cells: &Cells, lanes: LaneMask) {
+        self.add_to_lanes(counter, 1, cells, lanes);
+    }
+
+    fn add_to_lanes(&self, counter: Counter, number: u32, cells: &Cells, lanes: LaneMask) {
+        for cell in lanes.iter().filter_map(|lane| cells[lane]) {
+            self.add(counter, cell, number);
         }
     }
 
-    /// A ray begins, of an invocation that so many others wait for.
-    pub fn start_ray(&self, cell: Cell, ray: &Ray, depth: u32) {
-        let rays = self.count(Counter::Rays, cell);
-        if rays.load(Ordering::Relaxed) == 0 && !self.lines.is_empty() {
-            self.keep_line(cell, ray);
+    /// Adds time that so many lanes have taken together. `which` gives the lanes of each subgroup.
+    pub fn add_time(
+        &self,
+        time: Duration,
+        lanes: u32,
+        which: impl FnOnce(&mut dyn FnMut(&Cells, LaneMask)),
+    ) {
+        let each = nanoseconds(time) / u64::from(lanes.max(1));
+        let each = u32::try_from(each).unwrap_or(u32::MAX);
+        which(&mut |cells, lanes| self.add_to_lanes(Counter::Nanoseconds, each, cells, lanes));
+    }
+
+    /// Adds the costs of rays that walked together in some time, which they share by their steps.
+    pub fn add_walks(
+        &self,
+        time: Duration,
+        cells: &Cells,
+        lanes: LaneMask,
+        costs: &[RayCost; PACKET],
+    ) {
+        // Each takes the time of a step at least.
+        let steps: u64 = lanes
+            .iter()
+            .map(|lane| u64::from(costs[lane].steps) + 1)
+            .sum();
+        let each = nanoseconds(time) as f32 / steps as f32;
+        for lane in lanes {
+            if let Some(cell) = cells[lane] {
+                let cost = &costs[lane];
+                self.add_cost(cell, cost);
+                let time = each * (cost.steps + 1) as f32;
+                self.add(Counter::Nanoseconds, cell, time as u32);
+            }
         }
-        self.add(Counter::Rays, cell, 1);
-        let highest = self.count(Counter::Depth, cell);
-        if depth > highest.load(Ordering::Relaxed) {
-            highest.store(depth, Ordering::Relaxed);
+    }
+
+    /// Adds the cost of a ray by itself.
+    fn add_cost(&self, cell: Cell, cost: &RayCost) {
+        for (counter, number) in [
+            (Counter::Steps, cost.steps),
+            (Counter::BoxTests, cost.box_tests),
+            (Counter::PrimitiveTests, cost.primitive_tests),
+            (Counter::AnyHitCandidates, cost.any_hit_candidates),
+            (Counter::BoxCandidates, cost.box_candidates),
+        ] {
+            if number != 0 {
+                self.add(counter, cell, number);
+            }
         }
+    }
+
+    /// Rays of lanes begin; `depth` tells how many others the invocation of each waits for.
+    pub fn start_rays(
+        &self,
+        cells: &Cells,
+        lanes: LaneMask,
+        rays: &RayRows,
+        depth: impl Fn(usize) -> u32,
+    ) {
         // Of the bits without a sign, those of infinities are the least that are not finite.
         let bits = |number: f32| number.to_bits() & 0x7FFF_FFFF;
-        let line = (ray.origin.iter().chain(&ray.direction))
-            .fold(bits(ray.t_min), |most, &number| most.max(bits(number)));
+        let most: Row = std::array::from_fn(|lane| {
+            let line = rays.origin.iter().chain(&rays.direction);
+            let most = line.fold(bits(rays.t_min[lane]), |most, row| {
+                most.max(bits(row[lane]))
+            });
+            let is_nan = rays.t_max[lane].is_nan();
+            if is_nan { u32::MAX } else { most }
+        });
         let infinite = f32::INFINITY.to_bits();
-        if line > infinite || ray.t_max.is_nan() {
-            self.add(Counter::NanRays, cell, 1);
-        } else if line == infinite {
-            self.add(Counter::InfiniteRays, cell, 1);
+        for lane in lanes {
+            let Some(cell) = cells[lane] else {
+                continue;
+            };
+            let count = self.count(Counter::Rays, cell);
+            let before = count.load(Ordering::Relaxed);
+            if before == 0 && !self.lines.is_empty() {
+                self.keep_line(cell, rays, lane);
+            }
+            count.store(before.saturating_add(1), Ordering::Relaxed);
+            let (depth, deepest) = (depth(lane), self.count(Counter::Depth, cell));
+            if depth > deepest.load(Ordering::Relaxed) {
+                deepest.store(depth, Ordering::Relaxed);
+            }
+            if most[lane] > infinite {
+                self.add(Counter::NanRays, cell, 1);
+            } else if most[lane] == infinite {
+                self.add(Counter::InfiniteRays, cell, 1);
+            }
         }
     }
 
     /// Keeps the line of an invocation's first ray, if its cell is one of some.
-    fn keep_line(&self, cell: Cell, ray: &Ray) {
+    fn keep_line(&self, cell: Cell, rays: &RayRows, lane: usize) {
         let [width, height, _] = self.kept.size;
         let (row, x) = (cell.place() / width, cell.place() % width);
         if let Some(cell) = self.kept_lines.cell([x, row % height, row / height])
             && let Some(line) = self.lines.get(cell.place() as usize)
         {
-            for (to, from) in line.iter().zip(ray.origin.iter().chain(&ray.direction)) {
-                to.store(from.to_bits(), Ordering::Relaxed);
+            for (to, from) in line.iter().zip(rays.origin.iter().chain(&rays.direction)) {
+                to.store(from[lane].to_bits(), Ordering::Relaxed);
             }
         }
     }
@@ -319,17 +403,7 @@ impl LaunchCounts {
         } = walked;
         // SAFETY: the caller's promise.
         let cost = unsafe { costs.of(structure, ray, time, hit.as_ref()) };
-        for (counter, number) in [
-            (Counter::Steps, cost.steps),
-            (Counter::BoxTests, cost.box_tests),
-            (Counter::PrimitiveTests, cost.primitive_tests),
-            (Counter::AnyHitCandidates, cost.any_hit_candidates),
-            (Counter::BoxCandidates, cost.box_candidates),
-        ] {
-            if number != 0 {
-                self.add(counter, cell, number);
-            }
-        }
+        self.add_cost(cell, &cost);
         cost.steps
     }
 
@@ -367,6 +441,10 @@ impl LaunchCounts {
     }
 }
 
+fn nanoseconds(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
 /// Counts that no longer change.
 pub struct FinishedCounts {
     pub kept: KeptInvocations,
@@ -394,6 +472,16 @@ impl FinishedCounts {
         let is_there = |line: &[f32; LINE]| line.iter().any(|number| !number.is_nan());
         let has_any = self.first_rays.lines.iter().any(is_there);
         has_any.then_some(&self.first_rays)
+    }
+
+    /// The memory, for other counts.
+    pub fn into_spare(self) -> SpareCounts {
+        let atomic = |number: f32| AtomicU32::new(number.to_bits());
+        let lines = self.first_rays.lines.into_iter();
+        SpareCounts {
+            counts: self.counts.into_iter().map(AtomicU32::new).collect(),
+            lines: lines.map(|line| line.map(atomic)).collect(),
+        }
     }
 }
 
@@ -433,7 +521,8 @@ mod tests {
     #[test]
     fn rays_without_a_place_are_told_apart() {
         let kept = KeptInvocations::new([0; 3], [2, 1, 1], 8);
-        let counts = LaunchCounts::new(kept, true).expect("there is memory");
+        let counts =
+            LaunchCounts::new(kept, true, SpareCounts::default()).expect("there is memory");
         let cell = kept.cell([1, 0, 0]).expect("it is kept");
         let ray = Ray {
             t_max: f32::INFINITY,
@@ -447,8 +536,12 @@ mod tests {
             origin: [0.0, f32::NEG_INFINITY, 0.0],
             ..ray
         };
+        let mut cells: Cells = [None; SUBGROUP_SIZE];
+        cells[5] = Some(cell);
         for (ray, depth) in [(ray, 1), (nan, 3), (infinite, 2)] {
-            counts.start_ray(cell, &ray, depth);
+            let mut rays = RayRows::NONE;
+            rays.set(5, 0, &ray, 0.0);
+            counts.start_rays(&cells, LaneMask::ALL, &rays, |_| depth);
         }
         let counts = counts.finish();
         let first = counts.first_rays().expect("a ray was traced");

@@ -49,10 +49,10 @@ pub trait Observer: Send + Sync {
     /// The command is complete, and these accesses of its programs went wrong.
     fn strays(&self, _: &[Stray], _: &[&Program]) {}
 
-    /// Whether it takes events of rays: schedulers then do without lines.
+    /// Whether it takes events of rays: schedulers then do without lines. Counts are none.
     fn watches_rays(&self) -> bool {
         let Interests { rays, lookups, .. } = self.interests();
-        rays || lookups || self.invocation().is_some() || self.counts().is_some()
+        rays || lookups || self.invocation().is_some()
     }
 }
 

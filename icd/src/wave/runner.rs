@@ -6,6 +6,7 @@
 
 use std::time::Instant;
 
+use lanes::LaneMask;
 use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 use spirv_jit::interp::Frame;
@@ -609,9 +610,12 @@ impl SeenSubgroups<'_> {
             return;
         };
         let time = started.elapsed();
-        let cells = members.iter().flat_map(|&member| cells[member]).flatten();
-        let lanes = cells.clone().count() as u32;
-        counts.add_time(time, cells, lanes);
+        let lanes_of = |cells: &Cells| LaneMask::from_fn(|lane| cells[lane].is_some());
+        let counted = members.iter().map(|&member| &cells[member]);
+        let lanes = counted.clone().map(|cells| lanes_of(cells).count()).sum();
+        counts.add_time(time, lanes, |add| {
+            counted.for_each(|cells| add(cells, lanes_of(cells)));
+        });
     }
 }
 

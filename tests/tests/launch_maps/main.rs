@@ -82,6 +82,7 @@ fn work_in_a_child() {
         Some("layers") => layers(&gpu),
         Some("boxes") => boxes(&gpu),
         Some("callables") => callables(&gpu),
+        Some("lines") => lines(&gpu),
         Some("queries") => queries(&gpu),
         Some("many") => many(&gpu),
         Some("passes") => passes(&gpu),
@@ -208,12 +209,13 @@ fn counts_are_the_same_on_every_machine() {
     if !is_tuff() {
         return;
     }
-    for what in ["triangle", "layers", "queries"] {
+    for what in ["triangle", "layers", "lines", "queries"] {
         let (same, expected) = captured_with(what, &[]);
         for more in [
             ("TUFF_THREADS", "1"),
             ("TUFF_THREADS", "2"),
             ("TUFF_WAVE", "1"),
+            ("TUFF_DIRECT", "0"),
             ("TUFF_TIER", "portable"),
             ("TUFF_DISABLE", "packets,streams"),
         ] {
@@ -372,6 +374,31 @@ fn callables(gpu: &Gpu) -> Vec<u32> {
     case.words(gpu, world, [40, 1, 1], 40)
 }
 
+/// 64 × 16 rays that go together: those left of column 48 meet a triangle. Its shader calls a
+/// callable in the columns left of 32.
+fn lines(gpu: &Gpu) -> Vec<u32> {
+    let world = gpu.scene(&[Geometry::opaque(&triangle(1.0))]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        payload = 0u;
+        vec3 origin = vec3(gl_LaunchIDEXT.x < 48u ? 0.25 : 9.0, 0.25, 0);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, origin, 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[gl_LaunchIDEXT.x + 64u * gl_LaunchIDEXT.y] = payload;
+    }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    layout(location = 1) callableDataEXT uint data;
+    void main() {
+        data = gl_LaunchIDEXT.x;
+        if (data < 32u) { executeCallableEXT(0u, 1); }
+        payload = data;
+    }";
+    let called = "layout(location = 1) callableDataInEXT uint data; void main() { data *= 3u; }";
+    let case = Case::with_words(raygen).callable(called).hit(closest);
+    case.words(gpu, world, [64, 16, 1], 1024)
+}
+
 /// Ray queries of workgroups of 4 × 2. Invocations with x below 6 meet two triangles that are not
 /// opaque and confirm neither.
 const QUERY: &str = r"
@@ -440,6 +467,19 @@ fn callables_are_counted() {
     let commands = captured("callables", &[]);
     assert_eq!(commands[0].map("callable_shaders"), [2, 0].repeat(20));
     assert_eq!(commands[0].map("rays"), [0; 40]);
+}
+
+#[test]
+fn shaders_that_run_in_lines_are_counted() {
+    if !is_tuff() {
+        return;
+    }
+    let commands = captured("lines", &[]);
+    let row = |of: [u32; 4]| of.map(|number| [number; 16]).concat().repeat(16);
+    assert_eq!(commands[0].map("rays"), row([1; 4]));
+    assert_eq!(commands[0].map("closest_hit_shaders"), row([1, 1, 1, 0]));
+    assert_eq!(commands[0].map("miss_shaders"), row([0, 0, 0, 1]));
+    assert_eq!(commands[0].map("callable_shaders"), row([1, 1, 0, 0]));
 }
 
 /// Three passes into 40 × 30 pixels. In the first, a triangle over all of them traces rays by ray

@@ -327,6 +327,11 @@ impl Walker {
         Ok(())
     }
 
+    /// Makes a group one without rays that wait.
+    pub(crate) fn clear_flight(&mut self, flight: &mut Flight) {
+        self.spare.extend(flight.suspended.take());
+    }
+
     /// Memory for rays of a group that wait: the group's own, if it has any left.
     fn room_in(&mut self, flight: &mut Flight) -> Box<Suspended> {
         let left_over = flight.suspended.take();

@@ -10,11 +10,12 @@ use super::entry::Entry;
 use super::facts::InstanceFacts;
 use super::kernel::Kernel;
 use super::level::{Entered, Level, only_instance};
+use super::meter::{Meter, Unmetered};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::portable::PortableKernel;
 use super::rows::{HitRows, RayRows};
-use super::{Event, Verdict, Walk, WalkState, Walker, run};
+use super::{Event, PACKET, Verdict, Walk, WalkState, Walker, run};
 use crate::layout::{InstanceRecord, instance_state};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::Kind;
@@ -47,6 +48,7 @@ impl Walker {
             hits,
             walk: Walk::OVER,
             suspend,
+            meters: &mut [const { Unmetered }; PACKET],
         };
         match self.options.tier {
             #[cfg(target_arch = "x86_64")]
@@ -59,13 +61,45 @@ impl Walker {
             _ => unsafe { turns.run::<PortableKernel>(self, fuel) },
         }
     }
+
+    /// The same, with the visits of each ray told to its meter.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub(crate) unsafe fn meter_in_turn<M: Meter>(
+        &mut self,
+        rays: &RayRows,
+        lanes: LaneMask,
+        hits: &mut HitRows,
+        fuel: &mut u64,
+        meters: &mut [M; PACKET],
+        suspend: &mut Suspend<'_>,
+    ) {
+        hits.start(rays, lanes);
+        let mut turns = Turns {
+            rays,
+            lanes,
+            hits,
+            walk: Walk::OVER,
+            suspend,
+            meters,
+        };
+        match self.options.tier {
+            // One kernel for both: reports are no reason for more code.
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: a walker has these tiers only on machines that have AVX2.
+            Tier::Avx512 | Tier::Avx2 => unsafe { run_avx2(&mut turns, self, fuel) },
+            // SAFETY: every machine has plain Rust.
+            _ => unsafe { turns.run::<PortableKernel>(self, fuel) },
+        }
+    }
 }
 
 /// # Safety
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_avx512(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u64) {
+unsafe fn run_avx512(turns: &mut Turns<'_, '_, Unmetered>, walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { turns.run::<super::avx::Avx<true>>(walker, fuel) }
 }
@@ -74,22 +108,23 @@ unsafe fn run_avx512(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut 
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-unsafe fn run_avx2(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u64) {
+unsafe fn run_avx2<M: Meter>(turns: &mut Turns<'_, '_, M>, walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { turns.run::<super::avx::Avx<false>>(walker, fuel) }
 }
 
 /// Rays to be traced in turn.
-struct Turns<'a, 's> {
+struct Turns<'a, 's, M> {
     rays: &'a RayRows,
     lanes: LaneMask,
     hits: &'a mut HitRows,
     /// The walk of the lane at hand.
     walk: Walk,
     suspend: &'a mut Suspend<'s>,
+    meters: &'a mut [M; PACKET],
 }
 
-impl Turns<'_, '_> {
+impl<M: Meter> Turns<'_, '_, M> {
     /// # Safety
     /// The machine has the kernel's instruction set; the contract of [`Walk::new`].
     #[inline(always)]
@@ -102,9 +137,14 @@ impl Turns<'_, '_> {
             self.start(lane);
             let walk = &mut self.walk;
             let verdict = Verdict::Continue;
-            // SAFETY: the caller guarantees that the machine has the kernel's instruction set, and
-            // keeps the contract of `Walk::new`.
-            let event = unsafe { run::run_with::<K>(walk, verdict, walker, &mut entered, fuel) };
+            let event = if M::COUNTS {
+                let meter = &mut self.meters[lane];
+                run::run_metered(walk, verdict, walker, &mut entered, fuel, meter)
+            } else {
+                // SAFETY: the caller guarantees that the machine has the kernel's instruction set,
+                // and keeps the contract of `Walk::new`.
+                unsafe { run::run_with::<K>(walk, verdict, walker, &mut entered, fuel) }
+            };
             if event != Event::Done {
                 (self.suspend)(lane, walk, event);
             } else if let Some(hit) = walk.committed() {
@@ -173,13 +213,19 @@ impl Turns<'_, '_> {
                 length: 1,
             };
             let mut best = Nearest::none_in(rays.t_min[lane], rays.t_max[lane]);
+            let (near, rest, meter) = (&mut best, &mut pending, &mut self.meters[lane]);
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set, and
             // keeps the contract of `Walk::new`.
             let end = unsafe {
-                if any {
-                    K::walk_opaque::<true>(&way, &mut best, &mut pending, found, fuel)
-                } else {
-                    K::walk_opaque::<false>(&way, &mut best, &mut pending, found, fuel)
+                match (M::COUNTS, any) {
+                    (true, true) => {
+                        K::walk_opaque_metered::<M, true>(&way, near, rest, found, fuel, meter)
+                    }
+                    (true, false) => {
+                        K::walk_opaque_metered::<M, false>(&way, near, rest, found, fuel, meter)
+                    }
+                    (false, true) => K::walk_opaque::<true>(&way, near, rest, found, fuel),
+                    (false, false) => K::walk_opaque::<false>(&way, near, rest, found, fuel),
                 }
             };
             let hit = way.hit(&best);

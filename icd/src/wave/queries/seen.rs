@@ -58,11 +58,7 @@ impl<'a> View<'a> {
         load(object.rows, &mut rays);
         if let Some(Counted { counts, cells }) = &self.counted {
             counts.note_structures(lanes.iter().map(|lane| rays.top_level[lane]));
-            for lane in lanes {
-                if let Some(cell) = cells[lane] {
-                    counts.start_ray(cell, &rays.ray(lane), 0);
-                }
-            }
+            counts.start_rays(cells, lanes, &rays, |_| 0);
         }
         let Some((observer, lane, place)) = &self.one else {
             return;
@@ -144,8 +140,7 @@ impl<'a> View<'a> {
             return;
         };
         let time = started.elapsed();
-        let counted = lanes.iter().filter_map(|lane| cells[lane]);
-        counts.add_time(time, counted, lanes.count());
+        counts.add_time(time, lanes.count(), |add| add(&cells, lanes));
         // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
         let mut costs = unsafe { RayCosts::new(walker, &limits.live) };
         for walked in &self.walked {
