@@ -165,7 +165,7 @@ fn rays_are_counted_while_they_walk() {
     let mut random = Random(11);
     let ball = |size: f64, opaque| Mesh::icosphere(2, opaque, |point| point * size);
     let opaque = Scene::new(&[ball(1.0, true)], 0);
-    let mixed = Scene::new(&[ball(0.9, true), ball(0.5, false)], 0);
+    let mixed = Scene::new(&[ball(0.5, true), ball(0.9, false)], 0);
     let place = |x: f32| {
         let transform = [1.0, 0.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
         InstanceRecord::new(&opaque.bottom, transform)
@@ -204,5 +204,5 @@ fn rays_are_counted_while_they_walk() {
             }
         }
     }
-    assert!(left > 0 && walked > 50, "{left} and {walked}");
+    assert!(left > 20 && walked > 50, "{left} and {walked}");
 }

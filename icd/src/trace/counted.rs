@@ -106,9 +106,13 @@ impl<'a> Batch<'a> {
         // SAFETY: the application keeps the structures that a trace may reach built and bound until
         // the dispatch is complete, as for other walks of the batch.
         let over = unsafe { costs.walk_to_ends(&rays, is_kept, &mut group.flight, &mut found) };
-        counts.add_walks(started.elapsed(), &cells, over, &found);
-        group.walked_alone = Some(over);
-        over == lanes
+        // With fewer rays, those that meet candidates and end at their first hit may find another.
+        let is_over = over == is_kept;
+        if is_over {
+            counts.add_walks(started.elapsed(), &cells, over, &found);
+        }
+        group.walked_alone = Some(if is_over { over } else { LaneMask::NONE });
+        is_over && over == lanes
     }
 
     /// The walks of a group are over; those that were not counted are counted behind those of the
@@ -140,8 +144,17 @@ impl<'a> Batch<'a> {
     }
 
     /// Counts the walks that are over. Their time is shared by their steps.
+    #[inline(always)]
     pub(super) fn count_walks(&mut self, started: Option<Instant>) -> Result<(), Stopped> {
-        let (Some(counting), Some(started)) = (&mut self.counting, started) else {
+        match started {
+            Some(started) => self.count_walks_since(started),
+            None => Ok(()),
+        }
+    }
+
+    #[cold]
+    fn count_walks_since(&mut self, started: Instant) -> Result<(), Stopped> {
+        let Some(counting) = &mut self.counting else {
             return Ok(());
         };
         let time = started.elapsed();
@@ -150,8 +163,16 @@ impl<'a> Batch<'a> {
     }
 
     /// A wave has run: its lanes share the time.
+    #[inline(always)]
     pub(super) fn count_wave(&self, started: Option<Instant>, wave: &[SubgroupIndex]) {
-        let (Some(counting), Some(started)) = (&self.counting, started) else {
+        if let Some(started) = started {
+            self.count_wave_since(started, wave);
+        }
+    }
+
+    #[cold]
+    fn count_wave_since(&self, started: Instant, wave: &[SubgroupIndex]) {
+        let Some(counting) = &self.counting else {
             return;
         };
         let (time, counts) = (started.elapsed(), counting.counts);
