@@ -24,6 +24,8 @@ pub fn write_png(
     png.set_color(png::ColorType::Rgb);
     png.set_depth(png::BitDepth::Eight);
     png.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    // The default compressor depends on the packages that are built along, this one does not.
+    png.set_compression(png::Compression::Fast);
     let mut writer = png.write_header()?;
     writer
         .write_image_data(&bytes)
