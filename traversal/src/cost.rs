@@ -48,7 +48,7 @@ impl<'a> RayCosts<'a> {
     /// # Safety
     /// That memory is there as long as the walker walks, until another is set.
     pub unsafe fn new(walker: &'a mut Walker, live: &Live) -> Self {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the memory of `live` as long as the walker walks.
         unsafe { walker.set_live(live) };
         Self {
             walker,
@@ -76,7 +76,7 @@ impl<'a> RayCosts<'a> {
             walk,
             entered,
         } = self;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new`.
         unsafe { walk.restart(top_level, ray) };
         walk.set_time(time);
         let is_hit = |candidate: &Hit| hit.is_some_and(|hit| key(candidate) == key(hit));
@@ -128,7 +128,7 @@ impl RayCosts<'_> {
         let mut over = lanes;
         let stop = &mut |lane: usize, _: &mut Walk, _: Event| over.remove(lane);
         let (hits, fuel) = (&mut flight.hits, &mut { FUEL });
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         unsafe { walker.meter_in_turn(rays, lanes, hits, fuel, costs, stop) };
         over
     }

@@ -31,15 +31,6 @@ const UNNAMED: [&str; 4] = [
     "likewise",
 ];
 
-/// Sources whose SAFETY comments are still to name their promises.
-const STILL_UNNAMED: [&str; 5] = [
-    "icd/src/capture",
-    "icd/src/trace",
-    "icd/src/wave",
-    "traversal/src/cost.rs",
-    "traversal/src/walk/flights.rs",
-];
-
 /// Findings in all sources and pages of the project, each with file and line.
 ///
 /// # Errors
@@ -63,8 +54,7 @@ pub fn findings() -> Result<Vec<String>> {
                 continue;
             }
             let mut faults = faults(line, is_page);
-            let is_left = STILL_UNNAMED.iter().any(|path| name.starts_with(path));
-            if !is_left && names_no_promise(line) {
+            if names_no_promise(line) {
                 faults.push("a SAFETY comment that does not name the promise".to_owned());
             }
             for fault in faults {

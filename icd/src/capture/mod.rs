@@ -263,10 +263,10 @@ impl Recording {
         stopped: bool,
     ) {
         match self {
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the structures of the command's rays.
             Self::Pixel(recording) => unsafe { recording.finish(programs, traced, live, stopped) },
             Self::Maps(recording) => {
-                // SAFETY: likewise.
+                // SAFETY: the caller keeps the structures of the command's rays.
                 let describe =
                     |known: &mut KnownStructures, at| unsafe { known.describe(at, live) };
                 maps::finish(recording, programs, describe, stopped);
@@ -301,7 +301,7 @@ impl PixelRecording {
                 ..start.ray
             };
             let (at, time) = (start.structure, start.time);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the structures of the command's rays.
             let survey = unsafe { Survey::new(&mut walker, at, &line, time, live, MAX_MET) };
             meetings(ray, survey)
         });

@@ -87,7 +87,7 @@ impl KnownStructures {
     /// # Safety
     /// The structures that lie in `live` are not changed meanwhile.
     pub unsafe fn describe(&mut self, address: u64, live: &Live) -> Option<DescribedStructure> {
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller keeps the structures in `live` unchanged meanwhile.
         let is_same =
             |&(address, hash): &(u64, u64)| unsafe { hash_of(address, live) == Some(hash) };
         let known = self.structures.get(&address);
@@ -95,7 +95,7 @@ impl KnownStructures {
         let (mut facts, files) = match known {
             Some(known) => (known.facts.clone(), Vec::new()),
             None => {
-                // SAFETY: as above.
+                // SAFETY: the caller keeps the structures in `live` unchanged meanwhile.
                 let (facts, parts, mut files) = unsafe { describe(address, live) }?;
                 files.retain(|(name, _)| self.files.insert(name.clone()));
                 let known = KnownStructure {
@@ -156,7 +156,7 @@ type Description = (Value, Vec<(u64, u64)>, Vec<(String, Vec<u8>)>);
 /// # Safety
 /// The structures that lie in `live` are not changed meanwhile.
 unsafe fn describe(address: u64, live: &Live) -> Option<Description> {
-    // SAFETY: the caller's promise, here and below.
+    // SAFETY: the caller keeps the structures in `live` unchanged meanwhile.
     let (top, facts) = unsafe { Structure::described(address, live) }?;
     if !top.kind().is_top() {
         return None;
@@ -166,7 +166,7 @@ unsafe fn describe(address: u64, live: &Live) -> Option<Description> {
     for instance in top.instances() {
         active += 1;
         let bottom = bottoms.entry(instance.reference).or_insert_with(|| {
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the structures in `live` unchanged meanwhile.
             let found = unsafe { Structure::described(instance.reference, live) };
             let (structure, facts) = found.filter(|(found, _)| !found.kind().is_top())?;
             Some(BottomLevel {
@@ -205,7 +205,7 @@ unsafe fn describe(address: u64, live: &Live) -> Option<Description> {
     facts["file"] = name.as_str().into();
     files.push((name, scene));
     let addresses = std::iter::once(address).chain(bottoms.keys().copied());
-    // SAFETY: as above.
+    // SAFETY: the caller keeps the structures in `live` unchanged meanwhile.
     let parts = addresses.filter_map(|address| Some((address, unsafe { hash_of(address, live) }?)));
     Some((facts, parts.collect(), files))
 }

@@ -56,13 +56,13 @@ impl Batch<'_> {
         let mut walker = walker.expect("it is there between traces");
         // SAFETY: the application keeps the structures that a trace may reach built and bound until
         // the dispatch is complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands'
-        // rules); so here and below.
+        // rules).
         let mut advanced = unsafe { walker.trace(&starting, &apart, self) };
         (self.walks.starting, self.walks.apart) = (recycled(starting), recycled(apart));
         // Those about whose candidates no shader has a say can go on again at once.
         while advanced.is_ok() && !self.walks.going_on.is_empty() {
             let going_on = std::mem::take(&mut self.walks.going_on);
-            // SAFETY: as above.
+            // SAFETY: the application keeps the structures, as for their start.
             advanced = unsafe { walker.resume(&going_on, self) };
             if self.walks.going_on.is_empty() {
                 self.walks.going_on = recycled(going_on);

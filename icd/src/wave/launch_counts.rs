@@ -401,7 +401,7 @@ impl LaunchCounts {
             time,
             ref hit,
         } = walked;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `RayCosts::of`.
         let cost = unsafe { costs.of(structure, ray, time, hit.as_ref()) };
         self.add_cost(cell, &cost);
         cost.steps

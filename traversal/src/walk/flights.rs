@@ -171,18 +171,18 @@ impl Walker {
         let all = groups.iter().map(|group| (group, true));
         for (&group, may_cohere) in all.chain(apart.iter().map(|group| (group, false))) {
             let start = flights.rays(group, &mut rays);
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             if may_cohere && unsafe { self.start_together(group, start, &rays, flights)? } {
                 continue;
             }
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             unsafe { self.start_apart(group, start, in_streams, &rays, flights)? };
             if self.streamed.len() >= MOST {
-                // SAFETY: as above.
+                // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
                 unsafe { self.trace_streamed(flights)? };
             }
         }
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         unsafe { self.trace_streamed(flights) }
     }
 
@@ -202,7 +202,7 @@ impl Walker {
         let mut rays = RayRows::NONE;
         for &group in groups {
             let start = flights.rays(group, &mut rays);
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             if !unsafe { self.start_together(group, start, &rays, flights)? } {
                 apart.push(group);
             }
@@ -235,7 +235,7 @@ impl Walker {
             // All that started, for what they have in common.
             flights.rays(group, &mut rays);
             let hits = &mut flights.flight(group).hits;
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             unsafe {
                 let progress = packet::resume(&rays, hits, self, &mut suspended);
                 self.settle_packet(group, progress, &rays, suspended, flights)?;
@@ -262,14 +262,14 @@ impl Walker {
         if start.shows_order {
             let first = start.lanes.first();
             let (address, ray) = (rays.top_level[first], rays.ray(first));
-            // SAFETY: the caller's promise.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             if unsafe { self.enter_boxes(address, &ray) }.is_some() {
                 return Ok(false);
             }
         }
         let flight = flights.flight(group);
         let mut suspended = self.room_in(flight);
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         let progress = unsafe {
             let keeps = (!start.shows_order).then_some(&mut *suspended);
             packet::run(rays, start.lanes, &mut flight.hits, self, keeps)
@@ -279,7 +279,7 @@ impl Walker {
             return Ok(false);
         }
         self.counts.together += 1;
-        // SAFETY: as above.
+        // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         unsafe { self.settle_packet(group, progress, rays, suspended, flights)? };
         Ok(true)
     }
@@ -301,19 +301,19 @@ impl Walker {
         let hits = &mut flight.hits;
         suspended.start_singles();
         let mut fuel = self.options.fuel;
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         let in_boxes =
             unsafe { self.start_in_boxes(rays, start.lanes, hits, &mut suspended, &mut fuel) };
         let lanes = start.lanes - in_boxes;
         let mut streamed = LaneMask::NONE;
         if in_streams && !lanes.is_empty() {
-            // SAFETY: the caller's promise, here and below.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             streamed = unsafe { self.add_to_stream(rays, lanes, hits, group) };
             self.counts.streamed += u64::from(streamed.count());
         }
         if streamed != lanes {
             let mut keep = |lane: usize, walk: &mut Walk, event| suspended.keep(lane, walk, event);
-            // SAFETY: as above.
+            // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             unsafe { self.trace_in_turn(rays, lanes - streamed, hits, &mut fuel, &mut keep) };
         }
         if streamed.is_empty() {
@@ -352,7 +352,7 @@ impl Walker {
             spare: std::mem::take(&mut self.spare),
         };
         let mut fuel = self.options.fuel.saturating_mul(groups.len() as u64);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         unsafe { self.trace_streams(&mut fuel, &mut streamed) };
         self.spare = streamed.spare;
         for &group in &groups {
@@ -382,7 +382,7 @@ impl Walker {
             Progress::Candidates => flights.flight(group).suspended = Some(suspended),
             Progress::Split(lanes) => {
                 self.counts.split += 1;
-                // SAFETY: the caller's promise.
+                // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
                 unsafe { suspended.split_all(lanes, rays, &flights.flight(group).hits) };
                 return self.settle_singles(group, suspended, flights);
             }
