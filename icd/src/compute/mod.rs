@@ -21,7 +21,6 @@ mod tests;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
-use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
@@ -99,15 +98,7 @@ impl Dispatcher {
             self.idle.lock().push(runner);
             Ok(())
         };
-        match chunks.min(workers_count as u64) as usize {
-            0 | 1 => work(),
-            tasks => workers.install(|| {
-                (0..tasks)
-                    .into_par_iter()
-                    .with_max_len(1)
-                    .try_for_each(|_| work())
-            }),
-        }?;
+        workers.share(chunks.min(workers_count as u64) as usize, work)?;
         match next_chunk.into_inner() >= chunks {
             true => Ok(()),
             // The budget had room for no worker.

@@ -236,12 +236,14 @@ impl Rasterizer {
     ) -> Result<(), Stopped> {
         let work = std::mem::take(&mut batch.work);
         let mut rounds = front::Rounds::new(targets, context.workers.current_num_threads());
+        let mut number = 0;
         while let Some(chunks) = self
             .front
             .next_round(context, targets, &work, &mut rounds)?
         {
-            self.tiles.run(context, targets, &work, &chunks)?;
+            self.tiles.run(context, targets, &work, &chunks, number)?;
             self.front.give_back(chunks);
+            number += 1;
         }
         Ok(())
     }

@@ -42,13 +42,8 @@ mod walks;
 mod watched;
 mod yields;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
-
 use lanes::Tier;
 use parking_lot::Mutex;
-use rayon::prelude::*;
-use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
 
@@ -80,9 +75,6 @@ pub struct Dispatch<'a> {
     pub observer: Option<&'a dyn Observer>,
 }
 
-/// Batches of a dispatch whose order follows from their times, at most.
-const SORTED_BATCHES: usize = 1 << 16;
-
 /// The workers' memory, kept from one dispatch to the next.
 #[derive(Default)]
 pub struct Tracer {
@@ -112,47 +104,16 @@ impl Tracer {
             batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)
         };
         let count = grid.batch_count();
-        let tasks = count.min(workers.current_num_threads());
+        if count == 0 {
+            return Ok(());
+        }
+        let threads = workers.current_num_threads();
         let key = (dispatch.extent, std::ptr::from_ref(dispatch.shaders).addr());
-        let is_sorted = tasks > 1 && count <= SORTED_BATCHES;
-        let mut order: Vec<usize> = Vec::new();
-        if is_sorted {
-            order.extend(0..count);
-            self.costs.sort(key, &mut order);
-        }
-        let next = AtomicUsize::new(0);
-        let work = || {
+        let queue = self.costs.queue(key, count, None, threads);
+        workers.share(count.min(threads), || {
             let mut worker = self.lease();
-            let mut measured: SmallVec<[(usize, u32); 64]> = SmallVec::new();
-            let mut begin = Instant::now();
-            loop {
-                let index = next.fetch_add(1, Ordering::Relaxed);
-                if index >= count {
-                    break;
-                }
-                let batch = order.get(index).copied().unwrap_or(index);
-                run(&mut worker, batch).inspect_err(|_| next.store(count, Ordering::Relaxed))?;
-                if is_sorted {
-                    let end = Instant::now();
-                    measured.push((batch, (end - begin).as_nanos() as u32));
-                    begin = end;
-                }
-            }
-            if is_sorted {
-                self.costs.keep(key, count, &measured);
-            }
-            Ok(())
-        };
-        match tasks {
-            0 => Ok(()),
-            1 => work(),
-            _ => workers.install(|| {
-                (0..tasks)
-                    .into_par_iter()
-                    .with_max_len(1)
-                    .try_for_each(|_| work())
-            }),
-        }
+            queue.work_off(|index| run(&mut worker, index))
+        })
     }
 
     fn lease(&self) -> Lease<'_> {

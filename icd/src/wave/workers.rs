@@ -7,6 +7,7 @@ use std::io;
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
+use rayon::prelude::*;
 use rayon::{ThreadBuilder, ThreadPool, ThreadPoolBuilder};
 
 use super::lent_thread::run_on_this_thread;
@@ -55,6 +56,27 @@ impl Workers {
         match pool {
             Some(pool) => pool.rayon.install(work),
             None => run_on_this_thread(work),
+        }
+    }
+
+    /// Has each of so many workers do `work`, which takes its parts from what they share. A single
+    /// one is the calling thread.
+    ///
+    /// # Errors
+    /// One of a worker.
+    pub fn share<E: Send>(
+        &self,
+        workers: usize,
+        work: impl Fn() -> Result<(), E> + Sync + Send,
+    ) -> Result<(), E> {
+        match workers {
+            0 | 1 => work(),
+            _ => self.install(|| {
+                (0..workers)
+                    .into_par_iter()
+                    .with_max_len(1)
+                    .try_for_each(|_| work())
+            }),
         }
     }
 
@@ -134,7 +156,6 @@ impl Pool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rayon::prelude::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]

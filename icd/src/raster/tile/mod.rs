@@ -43,13 +43,8 @@ mod texels;
 mod tinted;
 mod visit;
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
-
 use ::lanes::Tier;
 use parking_lot::Mutex;
-use rayon::prelude::*;
-use smallvec::SmallVec;
 
 use super::primitive::{Bounds, Grid};
 use super::{Chunk, Context, Targets, Work};
@@ -66,11 +61,13 @@ const LITTLE: u64 = 1 << 12;
 #[derive(Default)]
 pub struct Tiles {
     idle: Mutex<Vec<TileWorker>>,
-    costs: Costs<Grid>,
+    /// Of tiles, by the grid and the number of the round in its batch.
+    costs: Costs<(Grid, usize)>,
 }
 
 impl Tiles {
-    /// Works chunks off, in order, in every tile.
+    /// Works off the chunks of a round, in order, in every tile. `number`: rounds of the batch
+    /// before this one.
     ///
     /// # Errors
     /// When a limit stopped it.
@@ -80,6 +77,7 @@ impl Tiles {
         targets: &Targets,
         work: &[Work],
         chunks: &[Chunk],
+        number: usize,
     ) -> Result<(), Stopped> {
         let grid = Grid::of(&targets.area);
         if grid.is_empty() {
@@ -99,14 +97,15 @@ impl Tiles {
             let mut bins = chunks.iter().map(|chunk| chunk.bins.shapes_of(*tile));
             has_clears || bins.any(|shapes| !shapes.is_empty())
         };
-        let mut busy: Vec<usize> = (0..grid.len()).filter(is_busy).collect();
+        let busy: Vec<usize> = (0..grid.len()).filter(is_busy).collect();
         if busy.is_empty() {
             return Ok(());
         }
-        let threads = context.workers.current_num_threads();
-        if busy.len().min(threads) > 1 {
-            self.costs.sort(grid, &mut busy);
-        }
+        let threads = match !has_clears && is_little(chunks) {
+            true => 1,
+            false => context.workers.current_num_threads(),
+        };
+        let queue = (self.costs).queue((grid, number), grid.len(), Some(busy), threads);
         let tier = Tier::best();
         let round = Round {
             tier,
@@ -118,35 +117,15 @@ impl Tiles {
             grid,
             area: area_bounds(targets),
         };
-        let next = AtomicUsize::new(0);
         let work_off = || {
             let _span = timeline::work("tiles");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
-            let mut measured: SmallVec<[(usize, u32); 64]> = SmallVec::new();
-            let mut begin = Instant::now();
-            while let Some(&tile) = busy.get(next.fetch_add(1, Ordering::Relaxed)) {
-                worker
-                    .visit(&round, tile)
-                    .inspect_err(|_| next.store(busy.len(), Ordering::Relaxed))?;
-                let end = Instant::now();
-                measured.push((tile, (end - begin).as_nanos() as u32));
-                begin = end;
-            }
-            self.costs.keep(grid, grid.len(), &measured);
+            queue.work_off(|tile| worker.visit(&round, tile))?;
             worker.rest();
             self.idle.lock().push(worker);
             Ok(())
         };
-        match busy.len().min(threads) {
-            0 | 1 => work_off(),
-            _ if !has_clears && is_little(chunks) => work_off(),
-            tasks => context.workers.install(|| {
-                (0..tasks)
-                    .into_par_iter()
-                    .with_max_len(1)
-                    .try_for_each(|_| work_off())
-            }),
-        }
+        context.workers.share(queue.length().min(threads), work_off)
     }
 }
 

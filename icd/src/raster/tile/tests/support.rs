@@ -375,5 +375,5 @@ pub fn run_within(
         reach: &Reach::default(),
         counts: None,
     };
-    Tiles::default().run(context, targets, work, chunks)
+    Tiles::default().run(context, targets, work, chunks, 0)
 }
