@@ -2,7 +2,7 @@
 //! Conversion").
 //!
 //! Reconstruction is implicit: each plane is sampled at its own resolution with its own filter, and
-//! what comes out is converted. A plane is therefore a separate image, and the rest is ordinary
+//! the conversion follows. A plane is therefore a separate image, and the rest is ordinary
 //! sampling.
 
 use lanes::{LANES, Row};
