@@ -8,6 +8,9 @@ use rspirv::spirv::Capability;
 use spirv_jit::abort::Aborts;
 
 use crate::VkResult;
+use crate::capabilities::extensions::{Extension, ExtensionSet};
+use crate::capabilities::features;
+use crate::capabilities::limits::max_allocations;
 use crate::execute::{Engine, EngineOptions};
 use crate::handle::{self, Ref};
 use crate::object::PhysicalDevice;
@@ -18,9 +21,6 @@ use crate::object::private_data::PrivateData;
 use crate::object::shader_stage::Compiler;
 use crate::queue::Queue;
 use crate::settings;
-use crate::table::extensions::{Extension, ExtensionSet};
-use crate::table::features;
-use crate::table::limits::max_allocations;
 use crate::validate::Validator;
 
 crate::handle::handled!(Device => Device);

@@ -10,6 +10,7 @@
 //! [`entry::loader`] has the three symbols that the shared library exports and finds commands by
 //! name; [`entry::commands`] is their table.
 
+pub mod capabilities;
 mod capture;
 pub mod command;
 pub mod compute;
@@ -30,7 +31,6 @@ pub mod queue;
 pub mod raster;
 mod settings;
 pub mod structures;
-pub mod table;
 pub mod timeline;
 pub mod trace;
 pub mod transfer;

@@ -12,13 +12,13 @@
 pub mod abort;
 mod accuracy;
 mod descriptor;
+pub mod descriptor_heap;
 pub mod environment;
 pub mod error;
 pub mod eval;
 pub mod facts;
 #[cfg(target_arch = "x86_64")]
 mod half_vectors;
-pub mod heap;
 pub mod hit_object;
 pub mod interp;
 pub mod ir;

@@ -9,9 +9,9 @@ use lanes::{LaneMask, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
-use crate::ir::tinted::{Tinted, tinted};
+use crate::ir::modulate::{Modulated, modulated};
 use crate::ir::workgroups::{looks_at_lanes, may_share_subgroups, may_wait_for_workgroups};
-use crate::ir::{self, passed::passed};
+use crate::ir::{self, pass_through::pass_through};
 use crate::native;
 use crate::origin::{CodeLocation, Origin, line_at};
 use crate::plan::{self, Plan};
@@ -19,20 +19,20 @@ use crate::printf::Record;
 use crate::query::QueryWord;
 
 pub use crate::interp::{Frame, MAX_SUBGROUPS};
-pub use crate::ir::capture::{
-    CaptureBuffer, CaptureFacts, CaptureWidth, CaptureWord, MAX_CAPTURE_BUFFERS, MAX_STREAMS,
-};
 pub use crate::ir::interface::{
     Barycentric, DepthMode, Emits, FragmentFacts, GeometryFacts, Interlock, OutputRow, Position,
     Varying, VaryingMode, VaryingPlace,
 };
 pub use crate::ir::mesh::MeshFacts;
 pub use crate::ir::module::InputRow;
-pub use crate::ir::passed::Passed;
+pub use crate::ir::pass_through::PassThrough;
 pub use crate::ir::stage::{Builtin, Stage};
 pub use crate::ir::tessellation::{
     ControlFacts, Domain, MAX_PATCH_VERTICES, PatchWord, Spacing, TessellationFacts,
     TessellationModes, Width,
+};
+pub use crate::ir::transform_feedback::{
+    FeedbackBuffer, FeedbackFacts, FeedbackWidth, FeedbackWord, MAX_FEEDBACK_BUFFERS, MAX_STREAMS,
 };
 pub use crate::native::NativeCounts;
 pub use crate::request::CompileRequest;
@@ -88,13 +88,13 @@ pub struct Program {
     workgroups_may_wait: bool,
     output_rows: u32,
     outputs: Vec<OutputRow>,
-    passed: Option<Vec<Passed>>,
-    tinted: Option<Tinted>,
+    pass_through: Option<Vec<PassThrough>>,
+    modulated: Option<Modulated>,
     looks_at_lanes: bool,
     tessellation: Option<TessellationFacts>,
     geometry: Option<GeometryFacts>,
     mesh: Option<MeshFacts>,
-    capture: Option<CaptureFacts>,
+    feedback: Option<FeedbackFacts>,
     fragment: Option<FragmentFacts>,
     origin: OnceLock<Origin>,
 }
@@ -157,13 +157,13 @@ impl Program {
                 Some(facts) => facts.rows(),
                 None => module.outputs.clone(),
             },
-            passed: passed(module),
-            tinted: tinted(module),
+            pass_through: pass_through(module),
+            modulated: modulated(module),
             looks_at_lanes: looks_at_lanes(module),
             tessellation: module.tessellation.clone(),
             geometry: module.geometry,
             mesh: module.mesh.clone(),
-            capture: module.capture.clone(),
+            feedback: module.feedback.clone(),
             fragment: module.fragment,
             origin: OnceLock::new(),
         })
@@ -257,8 +257,8 @@ impl Program {
     /// Vertex and fragment: where each of those words comes from, if the program computes none of
     /// them.
     #[inline]
-    pub fn passed(&self) -> Option<&[Passed]> {
-        self.passed.as_deref()
+    pub fn pass_through(&self) -> Option<&[PassThrough]> {
+        self.pass_through.as_deref()
     }
 
     /// Tessellation: what the rasterizer must know.
@@ -282,8 +282,8 @@ impl Program {
 
     /// Vertex, tessellation evaluation and geometry: the outputs for transform feedback.
     #[inline]
-    pub fn capture(&self) -> Option<&CaptureFacts> {
-        self.capture.as_ref()
+    pub fn transform_feedback(&self) -> Option<&FeedbackFacts> {
+        self.feedback.as_ref()
     }
 
     /// Geometry: a word of the vertices that the invocations of an ended state emitted, a row a
@@ -299,8 +299,8 @@ impl Program {
 
     /// Fragment: what it does, if it samples one image and does little else.
     #[inline]
-    pub fn tinted(&self) -> Option<&Tinted> {
-        self.tinted.as_ref()
+    pub fn modulated(&self) -> Option<&Modulated> {
+        self.modulated.as_ref()
     }
 
     /// Whether lanes look at others of their quad or subgroup.

@@ -4,7 +4,7 @@
 
 use crate::accuracy::Accuracy;
 use crate::parse::NewerCapability;
-use crate::{heap, ir};
+use crate::{descriptor_heap, ir};
 
 /// The inputs for compiling a module's entry point into a program.
 pub struct CompileRequest<'a> {
@@ -18,7 +18,7 @@ pub struct CompileRequest<'a> {
     pub bindings: &'a dyn Fn(u32, u32) -> Option<ir::op::DescriptorBinding>,
     /// Where pairs lie that no layout has: in heaps, push data or shader records. The first that
     /// fits counts, before `bindings`.
-    pub mappings: &'a [heap::Mapping],
+    pub mappings: &'a [descriptor_heap::Mapping],
     /// Capabilities that the device has enabled; a module that declares others is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
     /// Of capabilities that the bindings lack, those that the device has enabled.

@@ -12,7 +12,7 @@ use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
 use crate::walk::level::Entered;
 use crate::walk::meter::Meter;
-use crate::walk::{Event, Flight, PACKET, RayRows, Verdict, Walk, Walker};
+use crate::walk::{Event, GroupWalk, PACKET, RayRows, Verdict, Walk, Walker};
 
 /// Visits of one ray, at most.
 const FUEL: u64 = 1 << 24;
@@ -119,15 +119,15 @@ impl RayCosts<'_> {
         &mut self,
         rays: &RayRows,
         lanes: LaneMask,
-        flight: &mut Flight,
+        group_walk: &mut GroupWalk,
         costs: &mut [RayCost; PACKET],
     ) -> LaneMask {
         let walker = &mut *self.walker;
-        walker.clear_flight(flight);
+        walker.clear_flight(group_walk);
         *costs = [RayCost::default(); PACKET];
         let mut over = lanes;
         let stop = &mut |lane: usize, _: &mut Walk, _: Event| over.remove(lane);
-        let (hits, fuel) = (&mut flight.hits, &mut { FUEL });
+        let (hits, fuel) = (&mut group_walk.hits, &mut { FUEL });
         // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         unsafe { walker.meter_in_turn(rays, lanes, hits, fuel, costs, stop) };
         over

@@ -90,8 +90,8 @@ pub mod micromap;
 mod motion;
 mod pool;
 pub mod ray;
+pub mod ray_report;
 pub mod structure;
-pub mod survey;
 pub mod transfer;
 pub mod walk;
 
@@ -111,14 +111,14 @@ pub use micromap::{
     build_micromap, copy_micromap, micromap_size,
 };
 pub use ray::{Hit, Ray, Swept, ray_flags};
+pub use ray_report::{RayReport, Reason, ReportedPrimitive};
 pub use structure::{
     BoxLevel, Content, InstanceContent, Kind, PrimitiveShape, Structure, StructureFacts, validate,
 };
-pub use survey::{Fate, Met, Survey};
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
 pub use walk::{
-    Accuracy, Counts, Event, Flight, Flights, HitRows, Lanes, Options, PACKET, RayRows,
+    Accuracy, Counts, Event, GroupWalk, GroupWalks, HitRows, Lanes, Options, PACKET, RayRows,
     Specialisation, Start, Switches, TriangleTest, Verdict, Walk, Walker, Words,
 };

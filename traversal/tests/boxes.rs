@@ -75,17 +75,17 @@ impl TestScene {
     }
 
     /// Decides on the candidates of some rays of a group.
-    fn decide(&self, rows: &RayRows, flight: &mut Flight, lanes: LaneMask) {
+    fn decide(&self, rows: &RayRows, group_walk: &mut GroupWalk, lanes: LaneMask) {
         let (mut reported, mut t) = (LaneMask::NONE, [0.0; PACKET]);
         for lane in lanes {
-            let hit = flight.candidates().hit(lane);
+            let hit = group_walk.candidates().hit(lane);
             if let Some(found) = self.reported(&rows.ray(lane), &hit) {
                 reported.insert(lane);
                 t[lane] = found;
             }
         }
-        let counts = flight.counts(reported, &t);
-        flight.report(counts, &t, &[9; PACKET]);
+        let counts = group_walk.counts(reported, &t);
+        group_walk.report(counts, &t, &[9; PACKET]);
     }
 
     /// Holds what groups found against each ray by itself.
@@ -167,9 +167,9 @@ fn groups_meet_the_boxes_of_single_rays() {
                     ..Options::default()
                 };
                 let mut walker = Walker::with(options).expect("the tier is available");
-                let decide = |rows: &RayRows, flight: &mut Flight| {
-                    let lanes = flight.candidates().found;
-                    world.decide(rows, flight, lanes);
+                let decide = |rows: &RayRows, group_walk: &mut GroupWalk| {
+                    let lanes = group_walk.candidates().found;
+                    world.decide(rows, group_walk, lanes);
                 };
                 let mut groups = Groups::new(&world.top, &rays, decide);
                 for start in &mut groups.starts {
@@ -194,9 +194,9 @@ fn moved_rays_go_on_where_they_stood() {
         let rays = rays(&mut random, PACKET, 0);
         for &tier in Tier::available() {
             let mut walker = Walker::with_tier(tier).expect("the tier is available");
-            let decide = |rows: &RayRows, flight: &mut Flight| {
-                let lanes = flight.candidates().found;
-                world.decide(rows, flight, lanes);
+            let decide = |rows: &RayRows, group_walk: &mut GroupWalk| {
+                let lanes = group_walk.candidates().found;
+                world.decide(rows, group_walk, lanes);
             };
             // The second group starts without rays; each ray there has another lane.
             let moved: Vec<Ray> = (0..PACKET).map(|lane| rays[lane ^ 5]).collect();
@@ -209,7 +209,7 @@ fn moved_rays_go_on_where_they_stood() {
             groups.rounds = 0;
             // SAFETY: the structures are alive.
             unsafe { groups.trace(&mut walker, 1) };
-            let (first, second) = groups.flights.split_at_mut(1);
+            let (first, second) = groups.group_walks.split_at_mut(1);
             let mut places: Vec<usize> = (0..PACKET).collect();
             for lane in first[0]
                 .candidates()
@@ -224,7 +224,7 @@ fn moved_rays_go_on_where_they_stood() {
             world.decide(&groups.rows[1], &mut second[0], lanes);
             let waits = |groups: &mut Groups<_>| {
                 let waits = |group: &u32| {
-                    !groups.flights[*group as usize]
+                    !groups.group_walks[*group as usize]
                         .candidates()
                         .found
                         .is_empty()
@@ -243,12 +243,12 @@ fn moved_rays_go_on_where_they_stood() {
             let found: Vec<RayResult> = (0..PACKET)
                 .map(|lane| {
                     let place = places[lane];
-                    let flight = &groups.flights[place / PACKET];
+                    let group_walk = &groups.group_walks[place / PACKET];
                     let mut met = groups.met[0][lane].clone();
                     if place >= PACKET {
                         met.extend(&groups.met[1][place % PACKET]);
                     }
-                    (flight.hits.get(place % PACKET), met)
+                    (group_walk.hits.get(place % PACKET), met)
                 })
                 .collect();
             world.compare(&rays, &found);

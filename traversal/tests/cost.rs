@@ -176,7 +176,7 @@ fn rays_are_counted_while_they_walk() {
         let mut walker = Walker::new();
         // SAFETY: the scene is alive, here and below.
         let mut costs = unsafe { RayCosts::new(&mut walker, &EVERYWHERE) };
-        let mut flight = Flight::default();
+        let mut group_walk = GroupWalk::default();
         for _ in 0..30 {
             let (mut rows, mut rays) = (RayRows::NONE, Vec::new());
             for lane in 0..PACKET {
@@ -187,7 +187,7 @@ fn rays_are_counted_while_they_walk() {
             }
             let mut found = [RayCost::default(); PACKET];
             let lanes = LaneMask::ALL - LaneMask::of(3);
-            let over = unsafe { costs.walk_to_ends(&rows, lanes, &mut flight, &mut found) };
+            let over = unsafe { costs.walk_to_ends(&rows, lanes, &mut group_walk, &mut found) };
             assert!(!over.contains(3));
             for lane in lanes {
                 let (ray, hit) = (&rays[lane], closest(top, &rays[lane]));
@@ -200,7 +200,7 @@ fn rays_are_counted_while_they_walk() {
                 walked += usize::from(hit.is_some());
                 assert_eq!(found[lane], cost(top, ray, hit.as_ref()));
                 let bits = |hit: Option<Hit>| hit.map(|hit| (hit.t.to_bits(), hit));
-                assert_eq!(bits(flight.hits.get(lane)), bits(hit));
+                assert_eq!(bits(group_walk.hits.get(lane)), bits(hit));
             }
         }
     }

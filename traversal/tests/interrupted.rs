@@ -267,11 +267,11 @@ impl InterruptedScene {
     }
 
     /// Decides on the candidates of a group, except those that wait.
-    fn decide(&self, rows: &RayRows, flight: &mut Flight, lanes: LaneMask) {
+    fn decide(&self, rows: &RayRows, group_walk: &mut GroupWalk, lanes: LaneMask) {
         let (mut accepted, mut reported) = (LaneMask::NONE, LaneMask::NONE);
         let mut distances = [0.0; PACKET];
         for lane in lanes {
-            let candidate = flight.candidates().hit(lane);
+            let candidate = group_walk.candidates().hit(lane);
             if candidate.is_built_in() {
                 accepted.set(lane, self.accepts(&candidate));
             } else if let Some(t) = self.reports(&rows.ray(lane), rows.time[lane], &candidate) {
@@ -279,26 +279,26 @@ impl InterruptedScene {
                 reported.insert(lane);
             }
         }
-        flight.accept(accepted);
-        let counting = flight.counts(reported, &distances);
-        flight.report(counting, &distances, &[9; PACKET]);
+        group_walk.accept(accepted);
+        let counting = group_walk.counts(reported, &distances);
+        group_walk.report(counting, &distances, &[9; PACKET]);
     }
 
     /// Takes all rays to their ends.
     fn together(&self, walker: &mut Walker, way: &Way) -> (Vec<RayResult>, usize) {
         let mut turn = 0;
-        let decide = |rows: &RayRows, flight: &mut Flight| {
-            let mut lanes = flight.candidates().found;
+        let decide = |rows: &RayRows, group_walk: &mut GroupWalk| {
+            let mut lanes = group_walk.candidates().found;
             turn += 1;
             if way.holds && turn % 3 == 0 {
                 // Those on even lanes wait, if others do not.
                 let odd = LaneMask::from_bits(0xAAAA) & lanes;
                 if !odd.is_empty() {
-                    flight.hold(lanes - odd);
+                    group_walk.hold(lanes - odd);
                     lanes = odd;
                 }
             }
-            self.decide(rows, flight, lanes);
+            self.decide(rows, group_walk, lanes);
         };
         let groups = Groups::of_rows(self.rows(), decide);
         let mut groups = groups.with(|start| {

@@ -247,8 +247,8 @@ fn corrupt_micromaps_are_walked_to_the_end() {
         }
         // Those that go together, and those that do not.
         for rays in [&together, &rays] {
-            let accept = |_: &RayRows, flight: &mut Flight| {
-                flight.accept(flight.candidates().found);
+            let accept = |_: &RayRows, group_walk: &mut GroupWalk| {
+                group_walk.accept(group_walk.candidates().found);
             };
             // SAFETY: the structures are alive.
             unsafe { Groups::new(&top, rays, accept).trace(&mut walker, usize::MAX) };

@@ -202,18 +202,18 @@ fn compare(walker: &mut Walker, world: &World, rays: &[Ray], how: Together) -> u
     let mut asked = 0;
     let mut seen = HashSet::new();
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-    let decide = |rows: &RayRows, flight: &mut Flight| {
+    let decide = |rows: &RayRows, group_walk: &mut GroupWalk| {
         let mut accepted = LaneMask::NONE;
-        for lane in flight.candidates().found {
-            let hit = flight.candidates().hit(lane);
-            assert!(!hit.opaque && hit.t > rows.t_min[lane] && hit.t < flight.t_max()[lane]);
+        for lane in group_walk.candidates().found {
+            let hit = group_walk.candidates().hit(lane);
+            assert!(!hit.opaque && hit.t > rows.t_min[lane] && hit.t < group_walk.t_max()[lane]);
             let triangle = (hit.instance_index, hit.geometry_index, hit.primitive_index);
             let is_new = seen.insert((std::ptr::from_ref(rows), lane, triangle));
             assert!(is_new, "asked twice about {triangle:?}");
             accepted.set(lane, counts(&hit));
             asked += 1;
         }
-        flight.accept(accepted);
+        group_walk.accept(accepted);
     };
     let groups = Groups::new(&world.top, rays, decide);
     let mut groups = groups.with(|start| {

@@ -24,16 +24,16 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     let mut trace = |in_turn: bool| {
         let (mut waits, before) = (false, walker.counts().together);
         let groups = vec![(rows.clone(), lanes)];
-        let groups = Groups::of_rows(groups, |_: &RayRows, _: &mut Flight| waits = true);
+        let groups = Groups::of_rows(groups, |_: &RayRows, _: &mut GroupWalk| waits = true);
         let mut groups = groups.with(|start| {
             (start.shows_order, start.shows_first_hit) = (true, in_turn);
         });
         for lane in 0..PACKET {
-            groups.flights[0].hits.set(lane, &other);
+            groups.group_walks[0].hits.set(lane, &other);
         }
         // SAFETY: the structures are alive.
         unsafe { groups.trace(walker, 1) };
-        let hits = groups.flights.remove(0).hits;
+        let hits = groups.group_walks.remove(0).hits;
         drop(groups);
         for lane in !lanes {
             assert_eq!(hits.get(lane), Some(other));
@@ -274,21 +274,21 @@ fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) 
     let mut other = Walker::new();
     let mut verdicts = [Verdict::Continue; PACKET];
     let mut round = 0;
-    let decide = |_: &RayRows, flight: &mut Flight| {
+    let decide = |_: &RayRows, group_walk: &mut GroupWalk| {
         round += 1;
         let held = LaneMask::from_bits([0, 0x5555, 0, 0xAAAA][round % 4]);
-        let held = held & flight.candidates().found;
-        flight.hold(held);
-        for lane in flight.candidates().found - held {
+        let held = held & group_walk.candidates().found;
+        group_walk.hold(held);
+        for lane in group_walk.candidates().found - held {
             let event = alone[lane].resume(&mut other, verdicts[lane], &mut { u64::MAX });
             assert_eq!(event, Event::AnyHitCandidate);
-            assert_eq!(flight.candidates().hit(lane), *alone[lane].candidate());
+            assert_eq!(group_walk.candidates().hit(lane), *alone[lane].candidate());
             verdicts[lane] = match verdicts[lane] {
                 Verdict::Continue => Verdict::Accept,
                 _ => Verdict::Continue,
             };
             if verdicts[lane] == Verdict::Accept {
-                flight.accept(LaneMask::of(lane));
+                group_walk.accept(LaneMask::of(lane));
             }
         }
     };

@@ -245,19 +245,19 @@ fn rays(random: &mut Random, top: u64) -> RayRows {
 /// Walks in one way, and asks about what was hit.
 fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, (at_once, in_turn): (usize, bool)) {
     let mut round = 0;
-    let decide = |_: &RayRows, flight: &mut Flight| {
+    let decide = |_: &RayRows, group_walk: &mut GroupWalk| {
         round += 1;
         if in_turn && round % 3 != 0 {
             return;
         }
-        flight.accept(flight.candidates().found);
+        group_walk.accept(group_walk.candidates().found);
     };
     let groups = Groups::of_rows(vec![(rows.clone(), LaneMask::ALL); at_once], decide);
     let mut groups = groups.with(|start| start.shows_first_hit = in_turn);
     (groups.refills, groups.rounds) = (at_once, 200);
     // SAFETY: the arena is alive, and where walks look.
     unsafe { groups.trace(walker, at_once) };
-    let (top, hits) = (rows.top_level[0], &groups.flights[0].hits);
+    let (top, hits) = (rows.top_level[0], &groups.group_walks[0].hits);
     for lane in hits.found {
         // SAFETY: the arena is alive, and where walks look.
         if let Some(structure) = unsafe { Structure::at(top, live) } {

@@ -20,19 +20,19 @@ fn compare(top: &Bytes, rays: &[Ray], fuel: u64) -> (u64, usize) {
     };
     let mut walker = Walker::with(options).expect("it is available");
     let mut stopped = 0;
-    let accept = |_: &RayRows, flight: &mut Flight| {
+    let accept = |_: &RayRows, group_walk: &mut GroupWalk| {
         stopped += 1;
-        flight.accept(flight.candidates().built_in());
+        group_walk.accept(group_walk.candidates().built_in());
     };
     let mut groups = Groups::new(top, rays, accept).with(|start| start.shows_first_hit = true);
     // SAFETY: the structures are alive.
     unsafe { groups.trace(&mut walker, usize::MAX) };
     let refilled = usize::MAX - groups.refills;
-    let flights = std::mem::take(&mut groups.flights);
+    let group_walks = std::mem::take(&mut groups.group_walks);
     drop(groups);
     let mut plain = plain();
     for (i, ray) in rays.iter().enumerate() {
-        let hits = &flights[i / PACKET].hits;
+        let hits = &group_walks[i / PACKET].hits;
         let found = hits.get(i % PACKET);
         assert_eq!(found, closest_with(&mut plain, top, ray), "{i}: {ray:?}");
         if found.is_none() {
@@ -157,7 +157,7 @@ fn unlike_rays_are_not_taken_up_together() {
             rows.set(lane, address, ray, 0.0);
         }
         let groups = vec![(rows, LaneMask::ALL); 8];
-        let mut groups = Groups::of_rows(groups, |_: &RayRows, _: &mut Flight| {});
+        let mut groups = Groups::of_rows(groups, |_: &RayRows, _: &mut GroupWalk| {});
         // SAFETY: the structures are alive.
         unsafe { groups.trace(&mut walker, 8) };
         assert_eq!(walker.counts().streamed, 0);

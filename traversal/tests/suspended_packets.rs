@@ -78,28 +78,28 @@ fn together(walker: &mut Walker, world: &PacketScene, rays: &[Ray], tally: &mut 
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     let before = walker.counts();
     let mut asked_now = 0;
-    let decide = |_: &RayRows, flight: &mut Flight| {
+    let decide = |_: &RayRows, group_walk: &mut GroupWalk| {
         asked_now += 1;
-        let asked = flight.candidates().found;
+        let asked = group_walk.candidates().found;
         assert!(!asked.is_empty() && (asked - lanes).is_empty());
         // One by one, or all at once, as a scheduler may.
         let at_once = (tally.asked + asked_now).is_multiple_of(2);
         let [mut accepted, mut reported] = [LaneMask::NONE; 2];
         let (mut t_row, kinds) = ([0.0; PACKET], [9; PACKET]);
         for lane in asked {
-            let candidate = flight.candidates().hit(lane);
+            let candidate = group_walk.candidates().hit(lane);
             tally.note(lane, &candidate);
             assert!(
-                !(any && flight.hits.get(lane).is_some()),
+                !(any && group_walk.hits.get(lane).is_some()),
                 "a ray goes on after its end"
             );
             if candidate.is_built_in() {
-                assert!(!candidate.opaque && candidate.t < flight.t_max()[lane]);
+                assert!(!candidate.opaque && candidate.t < group_walk.t_max()[lane]);
                 accepted.set(lane, counts(&candidate));
             } else if let Some(t) = world.reported(&rays[lane], &candidate) {
-                let inside = (rays[lane].t_min..=flight.t_max()[lane]).contains(&t);
+                let inside = (rays[lane].t_min..=group_walk.t_max()[lane]).contains(&t);
                 t_row[lane] = t;
-                let counts = flight.counts(LaneMask::of(lane), &t_row);
+                let counts = group_walk.counts(LaneMask::of(lane), &t_row);
                 assert_eq!(!counts.is_empty(), inside);
                 reported.set(lane, inside);
             }
@@ -109,10 +109,10 @@ fn together(walker: &mut Walker, world: &PacketScene, rays: &[Ray], tally: &mut 
             false => (0..PACKET).map(LaneMask::of).collect(),
         };
         for part in parts {
-            flight.accept(accepted & part);
+            group_walk.accept(accepted & part);
             let reported = reported & part;
             if !reported.is_empty() {
-                let over = flight.report(reported, &t_row, &kinds);
+                let over = group_walk.report(reported, &t_row, &kinds);
                 assert_eq!(over, if any { reported } else { LaneMask::NONE });
             }
         }

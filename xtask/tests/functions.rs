@@ -10,7 +10,7 @@ const MOST: usize = 80;
 /// Tables: a `match` or a list with a line or a few for each case.
 const TABLES: [(&str, &str); 8] = [
     ("icd/src/object/setting.rs", "set"),
-    ("icd/src/table/limits.rs", "limits"),
+    ("icd/src/capabilities/limits.rs", "limits"),
     ("spirv-jit/shaders/src/samples.rs", "samples"),
     ("spirv-jit/src/interp/emit/inst.rs", "emit_operation"),
     ("spirv-jit/src/ir/signature.rs", "check"),

@@ -9,7 +9,7 @@ use proc_macro2::{Delimiter, TokenStream, TokenTree};
 /// The sources that ship, and the room of each: a folder or a file, if there is one.
 const SHIPPED: [(&str, Option<&str>); 7] = [
     ("icd/src", Some("icd/src/os")),
-    ("icd/control-group/src", None),
+    ("icd/cgroup/src", None),
     ("packaging/tuff/src", Some("packaging/tuff/src/os")),
     ("spirv-jit/src", None),
     ("spirv-jit/images/src", None),

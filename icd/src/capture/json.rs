@@ -7,12 +7,12 @@ use spirv_jit::Program;
 use spirv_jit::origin::CodeLocation;
 use traversal::{Hit, Opacity, Swept};
 
+use super::binding_table::{ReadRecord, ReadRegion};
 use super::meeting::{Meeting, Meetings};
 use super::path::{Asked, Path, PathRay, Ran};
-use super::table::{ReadRecord, ReadRegion};
 use super::{CapturedCommand, flags, kind_name};
+use crate::wave::binding_table::{GroupKind, Shaders};
 use crate::wave::observer::{Instruction, QueryDecision, ReportVerdict};
-use crate::wave::table::{GroupKind, Shaders};
 
 /// A float; those that JSON has no number for are text.
 pub fn float(value: f32) -> Value {
@@ -117,7 +117,7 @@ fn ray(index: usize, it: &PathRay, meetings: &Meetings, programs: &[&Program]) -
         let met = meetings.listed.iter().map(|m| meeting(m, it, programs));
         object["met"] = met.collect();
         object["more_met"] = json!(meetings.more);
-        object["survey_is_cut"] = json!(meetings.is_cut);
+        object["report_is_cut"] = json!(meetings.is_cut);
     }
     if let Some(settled) = &it.settled {
         object["hit"] = settled.hit.as_ref().map_or(Value::Null, hit);

@@ -1,11 +1,11 @@
 //! Primitives that a captured ray met, in the order along the ray, each with its outcome: the
-//! survey of its line, joined with the shaders' decisions of the run.
+//! report of its line, joined with the shaders' decisions of the run.
 
 #![forbid(unsafe_code)]
 
 use std::cmp::Ordering;
 
-use traversal::{Fate, Hit, Met, Opacity, Survey};
+use traversal::{Hit, Opacity, RayReport, Reason, ReportedPrimitive};
 
 use super::path::{Asked, PathRay};
 use crate::wave::observer::QueryDecision;
@@ -34,7 +34,7 @@ pub enum Outcome {
     /// The ray had ended before.
     NotReached,
     /// It is no candidate.
-    Rejected(Fate),
+    Rejected(Reason),
 }
 
 impl Outcome {
@@ -48,16 +48,16 @@ impl Outcome {
             Self::NoIntersectionShader => "no intersection shader",
             Self::Undecided => "undecided",
             Self::BehindTheHit => "behind the hit",
-            Self::NotReached | Self::Rejected(Fate::Candidate) => "not reached",
-            Self::Rejected(Fate::BeforeStart) => "before t_min",
-            Self::Rejected(Fate::BeyondEnd) => "beyond t_max",
-            Self::Rejected(Fate::Masked) => "culled by mask",
-            Self::Rejected(Fate::Skipped) => "skipped by flag",
-            Self::Rejected(Fate::FrontCulled) => "culled as front facing",
-            Self::Rejected(Fate::BackCulled) => "culled as back facing",
-            Self::Rejected(Fate::OpaqueCulled) => "culled as opaque",
-            Self::Rejected(Fate::NoOpaqueCulled) => "culled as not opaque",
-            Self::Rejected(Fate::MicromapTransparent) => "transparent by micromap",
+            Self::NotReached | Self::Rejected(Reason::Candidate) => "not reached",
+            Self::Rejected(Reason::BeforeStart) => "before t_min",
+            Self::Rejected(Reason::BeyondEnd) => "beyond t_max",
+            Self::Rejected(Reason::Masked) => "culled by mask",
+            Self::Rejected(Reason::Skipped) => "skipped by flag",
+            Self::Rejected(Reason::FrontCulled) => "culled as front facing",
+            Self::Rejected(Reason::BackCulled) => "culled as back facing",
+            Self::Rejected(Reason::OpaqueCulled) => "culled as opaque",
+            Self::Rejected(Reason::NoOpaqueCulled) => "culled as not opaque",
+            Self::Rejected(Reason::MicromapTransparent) => "transparent by micromap",
         }
     }
 }
@@ -66,7 +66,7 @@ impl Outcome {
 #[derive(Debug)]
 pub struct Meeting {
     pub hit: Hit,
-    /// The instance's mask; unknown where the survey has not found it.
+    /// The instance's mask; unknown where the report has not found it.
     pub mask: Option<u8>,
     pub micromap: Option<Opacity>,
     pub outcome: Outcome,
@@ -80,7 +80,7 @@ pub struct Meetings {
     pub listed: Vec<Meeting>,
     /// Primitives that are not listed.
     pub more: u64,
-    /// The survey was cut: there is more than is counted.
+    /// The report was cut: there is more than is counted.
     pub is_cut: bool,
 }
 
@@ -89,34 +89,34 @@ fn is_same(a: &Hit, b: &Hit) -> bool {
     key(a) == key(b)
 }
 
-/// Joins a survey and what happened.
-pub fn meetings(ray: &PathRay, survey: Survey) -> Meetings {
+/// Joins a report and what happened.
+pub fn meetings(ray: &PathRay, report: RayReport) -> Meetings {
     let found = ray.settled.as_ref().and_then(|settled| settled.hit);
     let is_hit = |hit: &Hit| found.is_some_and(|found| is_same(&found, hit));
     let asked_of = |hit: &Hit| ray.asked.iter().position(|asked| is_same(&asked.hit, hit));
     let mut all: Vec<Meeting> = Vec::new();
-    for Met {
+    for ReportedPrimitive {
         hit,
         mask,
         micromap,
-        fate,
-    } in survey.met
+        reason,
+    } in report.met
     {
         let asked = asked_of(&hit);
         all.push(Meeting {
             hit,
             mask: Some(mask),
             micromap,
-            outcome: match (asked, fate) {
+            outcome: match (asked, reason) {
                 _ if is_hit(&hit) => Outcome::Committed,
                 (Some(index), _) => of_decision(&ray.asked[index]),
-                (None, Fate::Candidate) => of_silence(&hit, found.as_ref()),
-                (None, fate) => Outcome::Rejected(fate),
+                (None, Reason::Candidate) => of_silence(&hit, found.as_ref()),
+                (None, reason) => Outcome::Rejected(reason),
             },
             asked,
         });
     }
-    // At edges, and where the survey was cut, traversal may have found others.
+    // At edges, and where the report was cut, traversal may have found others.
     let others = (ray.asked.iter())
         .map(|asked| asked.hit)
         .chain(found.filter(|_| ray.is_traversed()));
@@ -147,7 +147,7 @@ pub fn meetings(ray: &PathRay, survey: Survey) -> Meetings {
     Meetings {
         more: (count - all.len()) as u64 + ray.dropped,
         listed: all,
-        is_cut: survey.is_cut,
+        is_cut: report.is_cut,
     }
 }
 
@@ -240,12 +240,12 @@ mod tests {
         }
     }
 
-    fn met(hit: Hit, fate: Fate) -> Met {
-        Met {
+    fn met(hit: Hit, reason: Reason) -> ReportedPrimitive {
+        ReportedPrimitive {
             hit,
             mask: 0xFF,
             micromap: None,
-            fate,
+            reason,
         }
     }
 
@@ -257,23 +257,23 @@ mod tests {
                 asked(hit(4, 4.0), Some(0)),
                 asked(hit(2, 2.0), Some(1)),
                 asked(found, None),
-                // The survey has another triangle of the same edge.
+                // The report has another triangle of the same edge.
                 asked(hit(7, 2.5), Some(1)),
             ],
             Some(found),
         );
-        let survey = Survey {
+        let report = RayReport {
             met: vec![
-                met(hit(1, 1.0), Fate::BackCulled),
-                met(hit(2, 2.0), Fate::Candidate),
-                met(found, Fate::Candidate),
-                met(hit(4, 4.0), Fate::Candidate),
-                met(hit(5, 5.0), Fate::Candidate),
-                met(hit(0, 0.5), Fate::Candidate),
+                met(hit(1, 1.0), Reason::BackCulled),
+                met(hit(2, 2.0), Reason::Candidate),
+                met(found, Reason::Candidate),
+                met(hit(4, 4.0), Reason::Candidate),
+                met(hit(5, 5.0), Reason::Candidate),
+                met(hit(0, 0.5), Reason::Candidate),
             ],
             is_cut: false,
         };
-        let all = meetings(&ray, survey);
+        let all = meetings(&ray, report);
         let outcomes: Vec<_> = (all.listed.iter())
             .map(|it| (it.hit.primitive_index, it.outcome, it.asked))
             .collect();
@@ -281,7 +281,7 @@ mod tests {
             outcomes,
             [
                 (0, Outcome::NotReached, None),
-                (1, Outcome::Rejected(Fate::BackCulled), None),
+                (1, Outcome::Rejected(Reason::BackCulled), None),
                 (2, Outcome::Ignored, Some(1)),
                 (7, Outcome::Ignored, Some(3)),
                 (3, Outcome::Committed, Some(2)),
@@ -295,12 +295,12 @@ mod tests {
     #[test]
     fn long_lists_keep_the_hit() {
         let found = hit(1000, 1000.0);
-        let list = (0..=1000).map(|i| met(hit(i, i as f32), Fate::BeforeStart));
-        let survey = Survey {
+        let list = (0..=1000).map(|i| met(hit(i, i as f32), Reason::BeforeStart));
+        let report = RayReport {
             met: list.collect(),
             is_cut: true,
         };
-        let all = meetings(&ray(Vec::new(), Some(found)), survey);
+        let all = meetings(&ray(Vec::new(), Some(found)), report);
         assert_eq!(all.listed.len(), MAX_LISTED + 1);
         assert_eq!(all.more as usize, 1000 - MAX_LISTED);
         let last = all.listed.last().map(|it| it.outcome);

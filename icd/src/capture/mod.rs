@@ -6,6 +6,7 @@
 //! command costs one comparison, and its rays nothing. What is on a ray's line is looked up after
 //! the command, in the structures as they are then: no command changes them while it traces.
 
+mod binding_table;
 mod gltf;
 mod json;
 mod maps;
@@ -15,7 +16,6 @@ mod output;
 mod path;
 mod recorder;
 mod structures;
-mod table;
 mod text;
 
 use std::sync::OnceLock;
@@ -24,11 +24,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use parking_lot::Mutex;
 use spirv_jit::Program;
 use spirv_jit::program::SiteKind;
-use traversal::{Live, Ray, Survey, ray_flags};
+use traversal::{Live, Ray, RayReport, ray_flags};
 
 use crate::settings::{CaptureSettings, settings};
+use crate::wave::binding_table::{self as binding, Shaders, Tables};
 use crate::wave::observer::{Observer, TableKind};
-use crate::wave::table::{self as binding, Shaders, Tables};
+use binding_table::ReadRegion;
 use maps::{CommandKind, MapRecording};
 use meeting::{Meetings, meetings};
 use output::Output;
@@ -36,7 +37,6 @@ use path::Path;
 use recorder::Recorder;
 use structures::KnownStructures;
 pub use structures::{note_build, note_copy, start_build};
-use table::ReadRegion;
 
 /// Commands that are captured, at most.
 const MAX_COMMANDS: u64 = 64;
@@ -291,7 +291,7 @@ impl PixelRecording {
         let invocation = self.recorder.observed();
         let (path, lookups) = self.recorder.finish();
         let mut walker = settings().walker();
-        let surveys = path.rays.iter().map(|ray| {
+        let reports = path.rays.iter().map(|ray| {
             if !ray.is_traversed() {
                 return Meetings::default();
             }
@@ -302,10 +302,10 @@ impl PixelRecording {
             };
             let (at, time) = (start.structure, start.time);
             // SAFETY: the caller keeps the structures of the command's rays.
-            let survey = unsafe { Survey::new(&mut walker, at, &line, time, live, MAX_MET) };
-            meetings(ray, survey)
+            let report = unsafe { RayReport::new(&mut walker, at, &line, time, live, MAX_MET) };
+            meetings(ray, report)
         });
-        let meetings = surveys.collect();
+        let meetings = reports.collect();
         let launched = self.extent.into_iter().map(u64::from).product();
         let captured = CapturedCommand {
             number: self.number,
@@ -323,7 +323,7 @@ impl PixelRecording {
                     given,
                     live,
                 } = traced;
-                table::read(given, live, shaders, &lookups, launched)
+                binding_table::read(given, live, shaders, &lookups, launched)
             }),
             stopped,
         };

@@ -8,10 +8,10 @@ use std::collections::HashMap;
 use spirv_jit::program::Stage;
 use traversal::Hit;
 
+use crate::wave::binding_table::ProgramIndex;
 use crate::wave::observer::{
     Instruction, Observation, QueryDecision, RayStart, ReportVerdict, Reported,
 };
-use crate::wave::table::ProgramIndex;
 
 /// Rays of one command that are kept, at most; likewise calls of callables.
 pub const MAX_RAYS: usize = 1024;

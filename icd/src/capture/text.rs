@@ -7,13 +7,13 @@ use std::fmt::Write;
 use spirv_jit::Program;
 use traversal::{Hit, Swept};
 
+use super::binding_table::{ReadRecord, ReadRegion};
 use super::json::{opacity_name, payload_after};
 use super::meeting::{Meeting, Meetings, Outcome};
 use super::path::{Asked, PathRay, Ran};
-use super::table::{ReadRecord, ReadRegion};
 use super::{CapturedCommand, flags, kind_name};
+use crate::wave::binding_table::Shaders;
 use crate::wave::observer::{Instruction, QueryDecision, ReportVerdict, TableKind};
-use crate::wave::table::Shaders;
 
 /// The whole command.
 pub fn command(captured: &CapturedCommand<'_>) -> String {
@@ -307,7 +307,7 @@ fn words(words: &[u32]) -> String {
 fn met(text: &mut String, at: usize, it: &Meeting, ray: &PathRay, programs: &[&Program]) {
     let mut content = primitive(&it.hit);
     let _ = write!(content, ": {}", it.outcome.name());
-    if let (Outcome::Rejected(traversal::Fate::Masked), Some(mask)) = (it.outcome, it.mask) {
+    if let (Outcome::Rejected(traversal::Reason::Masked), Some(mask)) = (it.outcome, it.mask) {
         let _ = write!(content, " {mask:#04x}");
     }
     if let Some(micromap) = it.micromap {

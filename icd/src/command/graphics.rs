@@ -48,11 +48,11 @@ pub enum GraphicsCommand {
     },
     EndConditional,
     /// `vkCmdBindTransformFeedbackBuffersEXT`.
-    BindCaptureBuffers(Box<CaptureBinding>),
+    BindFeedbackBuffers(Box<FeedbackBinding>),
     /// `vkCmdBeginTransformFeedbackEXT`: the first buffer, and device addresses of counters, 0 for
     /// none.
-    BeginCapture(u32, SmallVec<[u64; 4]>),
-    EndCapture(u32, SmallVec<[u64; 4]>),
+    BeginFeedback(u32, SmallVec<[u64; 4]>),
+    EndFeedback(u32, SmallVec<[u64; 4]>),
     /// `vkCmdDrawIndirectByteCountEXT`.
     DrawByteCount(DrawByteCount),
     BeginQuery {
@@ -95,7 +95,7 @@ pub struct IndexBinding {
 }
 
 /// Buffers for transform feedback.
-pub struct CaptureBinding {
+pub struct FeedbackBinding {
     pub first: u32,
     /// Device addresses and sizes.
     pub buffers: SmallVec<[(u64, u64); 4]>,

@@ -26,7 +26,7 @@ use std::sync::Arc;
 
 use ash::vk;
 use smallvec::SmallVec;
-use spirv_jit::heap::Table;
+use spirv_jit::descriptor_heap::Table;
 
 use crate::handle::Ref;
 use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Pipeline, QueryPool};

@@ -2,7 +2,7 @@
 
 #![forbid(unsafe_code)]
 
-use crate::wave::table::Tables;
+use crate::wave::binding_table::Tables;
 
 /// A recorded dispatch of rays.
 pub enum RayTracingCommand {

@@ -4,10 +4,10 @@
 
 use spirv_jit::ir::op::optimal_stride_bytes;
 
+use crate::capabilities::cooperative_vectors::component;
 use crate::command::matrix::{Matrix, MatrixConversion};
 use crate::ffi::vk;
 use crate::ffi::vk::{ComponentTypeKHR, ConvertCooperativeVectorMatrixInfoNV as Info};
-use crate::table::cooperative_vectors::component;
 
 /// A matrix of a conversion; `None` for an unsupported component type or layout, and for
 /// overlapping lines.

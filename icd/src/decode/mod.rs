@@ -2,10 +2,10 @@
 //! `object`.
 
 pub mod acceleration_structure;
+mod descriptor_heap;
 pub mod descriptor_update;
 pub mod geometries;
 pub mod graphics;
-mod heap;
 pub mod image;
 mod index_type;
 pub mod matrix;

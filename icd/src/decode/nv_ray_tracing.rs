@@ -18,7 +18,7 @@ use crate::object::captured::Captured;
 use crate::object::deferred_pipeline::DeferredPipeline;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{AccelerationStructureNv, Buffer, Pipeline, PipelineCache};
-use crate::wave::table::Region;
+use crate::wave::binding_table::Region;
 
 /// The memory of a structure.
 ///

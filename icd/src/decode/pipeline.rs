@@ -7,7 +7,7 @@ use ash::vk;
 use spirv_jit::origin::Name;
 use spirv_jit::program::Stage;
 
-use super::heap::{Mappings, decode_mappings};
+use super::descriptor_heap::{Mappings, decode_mappings};
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{find, slice, string, vk as newer};

@@ -17,7 +17,7 @@ use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline};
 use crate::object::shader_stage::ShaderStage;
 use crate::object::{Pipeline, PipelineCache};
-use crate::wave::table::Region;
+use crate::wave::binding_table::Region;
 
 /// `VkStridedDeviceAddressRegionKHR`; an empty region for null.
 ///

@@ -14,6 +14,7 @@ use super::deferred::defer_parallel;
 use super::descriptor_buffer::captured;
 use super::record::record;
 use crate::VkResult;
+use crate::capabilities::limits;
 use crate::command::structures::{Built, BuiltCopy, CopyMode, IndirectBuild};
 use crate::command::{Command, StructureCommand};
 use crate::decode::acceleration_structure::{
@@ -30,7 +31,6 @@ use crate::object::addressed::{AddressEvent, Addressed};
 use crate::object::{AccelerationStructure, Buffer};
 use crate::structures::build;
 use crate::structures::micromap::SCRATCH_BYTES;
-use crate::table::limits;
 use crate::validate::Caller;
 
 pub(super) fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {

@@ -6,6 +6,7 @@ use images::{Format, ImageDescriptor};
 use super::address_report::report;
 use super::descriptor_buffer::captured;
 use crate::VkResult;
+use crate::capabilities::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::guard::{guard, guard_result};
@@ -16,7 +17,6 @@ use crate::object::addressed::AddressEvent;
 use crate::object::sparse::Reservation;
 use crate::object::view_entry::ViewEntry;
 use crate::object::{Buffer, BufferView, DeviceMemory};
-use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 
 pub(crate) unsafe extern "system" fn vkDestroyBufferView(
     _device: vk::Device,

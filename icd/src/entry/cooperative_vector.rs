@@ -3,12 +3,12 @@
 use spirv_jit::reach::Reach;
 
 use super::record::record;
+use crate::capabilities::cooperative_vectors;
 use crate::command::{Command, TransferCommand};
 use crate::decode::matrix::{conversion, destination};
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{slice, vk};
 use crate::guard::guard_result;
-use crate::table::cooperative_vectors;
 use crate::transfer::matrix;
 
 pub(crate) unsafe extern "system" fn vkGetPhysicalDeviceCooperativeVectorPropertiesNV(

@@ -4,6 +4,7 @@ use ash::vk;
 use ash::vk::Handle;
 
 use crate::VkResult;
+use crate::capabilities::limits::{MAX_DESCRIPTORS, MAX_INLINE_UNIFORM_BYTES};
 use crate::ffi::{self, array, chain};
 use crate::guard::{guard, guard_result};
 use crate::handle::{self, from_handle, retain};
@@ -12,7 +13,6 @@ use crate::object::{
     DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate, PipelineLayout,
     Sampler,
 };
-use crate::table::limits::{MAX_DESCRIPTORS, MAX_INLINE_UNIFORM_BYTES};
 
 pub(crate) unsafe extern "system" fn vkDestroyDescriptorSetLayout(
     _device: vk::Device,

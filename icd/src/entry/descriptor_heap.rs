@@ -5,8 +5,8 @@
 
 use images::Format;
 use smallvec::SmallVec;
+use spirv_jit::descriptor_heap::{DESCRIPTOR_BYTES, Table};
 use spirv_jit::environment::{Descriptor, StoredDescriptor};
-use spirv_jit::heap::{DESCRIPTOR_BYTES, Table};
 
 use super::image::view;
 use super::record::record;

@@ -3,6 +3,8 @@
 use ash::vk;
 
 use super::system;
+use crate::capabilities::extensions::{ExtensionSet, Kind};
+use crate::capabilities::features;
 use crate::device::Device;
 use crate::device::Enabled;
 use crate::ffi::{self, array, vk as newer};
@@ -11,8 +13,6 @@ use crate::handle::{self, from_handle};
 use crate::object::{PhysicalDevice, PrivateDataSlot};
 use crate::os::clock::Clock;
 use crate::queue::MAX_QUEUES;
-use crate::table::extensions::{ExtensionSet, Kind};
-use crate::table::features;
 
 /// The features that change a device's behavior.
 ///

@@ -9,6 +9,7 @@ use super::address_report::{report, report_bound};
 use super::buffer::{requirements, write_requirements};
 use super::descriptor_buffer::captured;
 use crate::VkResult;
+use crate::capabilities::limits::CAPTURE_BYTES;
 use crate::decode::image::image_info;
 use crate::decode::sampler::decode_sampler;
 use crate::device::Device;
@@ -24,7 +25,6 @@ use crate::object::sparse::Reservation;
 use crate::object::view_entry::ViewEntry;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
 use crate::present::Swapchain;
-use crate::table::limits::CAPTURE_BYTES;
 
 pub(crate) unsafe extern "system" fn vkDestroySamplerYcbcrConversion(
     _device: vk::Device,

@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use ash::vk;
 
+use crate::capabilities::extensions::{self, Extension, ExtensionSet, Kind};
+use crate::capabilities::limits::API_VERSION;
 use crate::ffi::{self, array, enumerate};
 use crate::guard::{guard, guard_result};
 use crate::handle;
 use crate::object::messenger::Messengers;
 use crate::object::{Instance, Messenger, PhysicalDevice};
 use crate::os;
-use crate::table::extensions::{self, Extension, ExtensionSet, Kind};
-use crate::table::limits::API_VERSION;
 
 /// A row of an extension enumeration.
 pub fn extension_properties(extension: Extension) -> vk::ExtensionProperties {

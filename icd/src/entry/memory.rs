@@ -7,6 +7,7 @@ use ash::vk;
 use super::address_report::report;
 use super::system::{exported_memory, imported_memory};
 use crate::VkResult;
+use crate::capabilities::limits::PAGE_BYTES;
 use crate::device::Device;
 use crate::ffi::chain;
 use crate::guard::{guard, guard_result};
@@ -16,7 +17,6 @@ use crate::object::address_space::Placement;
 use crate::object::addressed::AddressEvent;
 use crate::object::memory::Source;
 use crate::os::handle::{RawHandle, close};
-use crate::table::limits::PAGE_BYTES;
 
 pub(crate) unsafe extern "system" fn vkFreeMemory(
     device: vk::Device,

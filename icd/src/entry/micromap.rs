@@ -9,6 +9,7 @@ use super::address_report::report;
 use super::built::{self, compatibility_of};
 use super::deferred::defer_parallel;
 use super::record::record;
+use crate::capabilities::limits;
 use crate::command::structures::{Built, BuiltCopy, CopyMode};
 use crate::command::{Command, StructureCommand};
 use crate::decode::micromap::{decode_build, storage, usages};
@@ -19,7 +20,6 @@ use crate::handle::{self, from_handle, retain};
 use crate::object::addressed::AddressEvent;
 use crate::object::{Buffer, Micromap};
 use crate::structures::micromap as execute;
-use crate::table::limits;
 use crate::validate::Caller;
 
 pub(crate) unsafe extern "system" fn vkDestroyMicromapEXT(

@@ -13,6 +13,7 @@ use super::address_report::report;
 use super::buffer::write_requirements;
 use super::pipeline::create_each;
 use super::record::record;
+use crate::capabilities::limits::MEMORY_ALIGNMENT;
 use crate::command::structures::{Built, BuiltCopy};
 use crate::command::{Command, RayTracingCommand, StructureCommand};
 use crate::decode::nv_ray_tracing::{
@@ -30,8 +31,7 @@ use crate::object::{
     AccelerationStructure, AccelerationStructureNv, DeviceMemory, Pipeline, PipelineCache,
     QueryPool,
 };
-use crate::table::limits::MEMORY_ALIGNMENT;
-use crate::wave::table::Tables;
+use crate::wave::binding_table::Tables;
 
 /// Creates a structure without memory.
 ///

@@ -6,6 +6,8 @@ use ash::vk;
 
 use super::instance::extension_properties;
 use super::system;
+use crate::capabilities::extensions::{self, Kind};
+use crate::capabilities::{cooperative_matrices, features, limits, properties};
 use crate::decode::image::{described_image, resident_usage};
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk as newer};
@@ -18,8 +20,6 @@ use crate::object::memory::used_bytes;
 use crate::object::resident;
 use crate::object::shading_rate::RATES;
 use crate::queue::MAX_QUEUES;
-use crate::table::extensions::{self, Kind};
-use crate::table::{cooperative_matrices, features, limits, properties};
 
 fn queue_family() -> vk::QueueFamilyProperties {
     vk::QueueFamilyProperties {

@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use ash::vk::{Handle, TaggedStructure};
 
 use crate::VkResult;
+use crate::capabilities::properties::pipeline_cache_uuid;
 use crate::decode::graphics;
 use crate::decode::pipeline::decode_stage;
 use crate::device::Device;
@@ -14,7 +15,6 @@ use crate::handle::{self, from_handle, optional, retain};
 use crate::object::pipeline_binary::key_of;
 use crate::object::shader_stage::ShaderStage;
 use crate::object::{Pipeline, PipelineBinary, PipelineLayout};
-use crate::table::properties::pipeline_cache_uuid;
 
 pub(crate) unsafe extern "system" fn vkDestroyPipelineBinaryKHR(
     _device: vk::Device,

@@ -18,7 +18,7 @@ use crate::guard::{guard, guard_result};
 use crate::handle::{self, Ref, from_handle, retain};
 use crate::object::ImageView;
 use crate::object::{Pipeline, PipelineCache};
-use crate::wave::table::{HANDLE_SIZE, Tables};
+use crate::wave::binding_table::{HANDLE_SIZE, Tables};
 
 /// Writes the handles of `count` groups from `first` on.
 ///

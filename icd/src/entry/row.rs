@@ -1,6 +1,6 @@
 //! A row of the table of commands, and the macro that writes rows.
 
-use crate::table::extensions::{Extension, ExtensionSet, Kind};
+use crate::capabilities::extensions::{Extension, ExtensionSet, Kind};
 
 /// The object of a command's first argument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,7 +81,7 @@ macro_rules! command_table {
     (@availability Core13) => { $crate::entry::row::Availability::Core($crate::ffi::vk::API_VERSION_1_3) };
     (@availability Core14) => { $crate::entry::row::Availability::Core($crate::ffi::vk::API_VERSION_1_4) };
     (@availability $extension:ident) => {
-        $crate::entry::row::Availability::Extension($crate::table::extensions::Extension::$extension)
+        $crate::entry::row::Availability::Extension($crate::capabilities::extensions::Extension::$extension)
     };
 }
 

@@ -5,6 +5,8 @@ use std::ffi::c_void;
 use ash::vk::Handle;
 
 use crate::VkResult;
+use crate::capabilities::extensions::Extension;
+use crate::capabilities::limits::MAX_IMAGE_DIMENSION;
 use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{chain, enumerate, vk};
 use crate::guard::{guard, guard_result};
@@ -14,8 +16,6 @@ use crate::present::{
     DEEP_FORMATS, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, Scaling, Surface,
     compatible_modes,
 };
-use crate::table::extensions::Extension;
-use crate::table::limits::MAX_IMAGE_DIMENSION;
 
 /// The formats of a surface.
 fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {

@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 use super::graphics_draw::place;
 use super::record::record;
 use crate::VkResult;
-use crate::command::graphics::{CaptureBinding, DrawByteCount};
+use crate::command::graphics::{DrawByteCount, FeedbackBinding};
 use crate::command::{Command, GraphicsCommand, Recording};
 use crate::ffi::{slice, vk};
 use crate::handle::retain;
@@ -91,13 +91,13 @@ pub(crate) unsafe extern "system" fn vkCmdBindTransformFeedbackBuffersEXT(
                     sizes.get(index).copied().unwrap_or(vk::WHOLE_SIZE),
                 )
             });
-            let binding = CaptureBinding {
+            let binding = FeedbackBinding {
                 first,
                 buffers: buffers.collect(),
             };
             push(
                 commands,
-                GraphicsCommand::BindCaptureBuffers(Box::new(binding)),
+                GraphicsCommand::BindFeedbackBuffers(Box::new(binding)),
             )
         },
     )
@@ -116,7 +116,7 @@ pub(crate) unsafe extern "system" fn vkCmdBeginTransformFeedbackEXT(
         move |commands| {
             push(
                 commands,
-                GraphicsCommand::BeginCapture(first, counters(count, buffers, offsets)),
+                GraphicsCommand::BeginFeedback(first, counters(count, buffers, offsets)),
             )
         },
     )
@@ -132,7 +132,7 @@ pub(crate) unsafe extern "system" fn vkCmdEndTransformFeedbackEXT(
     record("vkCmdEndTransformFeedbackEXT", commands, move |commands| {
         push(
             commands,
-            GraphicsCommand::EndCapture(first, counters(count, buffers, offsets)),
+            GraphicsCommand::EndFeedback(first, counters(count, buffers, offsets)),
         )
     })
 }
@@ -176,13 +176,13 @@ pub(crate) unsafe extern "system" fn vkCmdBindTransformFeedbackBuffers2EXT(
             let range = |info: &vk::BindTransformFeedbackBuffer2InfoEXT<'_>| {
                 (info.address_range.address, info.address_range.size)
             };
-            let binding = CaptureBinding {
+            let binding = FeedbackBinding {
                 first,
                 buffers: infos.iter().map(range).collect(),
             };
             push(
                 commands,
-                GraphicsCommand::BindCaptureBuffers(Box::new(binding)),
+                GraphicsCommand::BindFeedbackBuffers(Box::new(binding)),
             )
         },
     )
@@ -200,7 +200,7 @@ pub(crate) unsafe extern "system" fn vkCmdBeginTransformFeedback2EXT(
         move |commands| {
             push(
                 commands,
-                GraphicsCommand::BeginCapture(first, counters_at(count, infos)),
+                GraphicsCommand::BeginFeedback(first, counters_at(count, infos)),
             )
         },
     )
@@ -215,7 +215,7 @@ pub(crate) unsafe extern "system" fn vkCmdEndTransformFeedback2EXT(
     record("vkCmdEndTransformFeedback2EXT", commands, move |commands| {
         push(
             commands,
-            GraphicsCommand::EndCapture(first, counters_at(count, infos)),
+            GraphicsCommand::EndFeedback(first, counters_at(count, infos)),
         )
     })
 }

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use ash::vk;
+use spirv_jit::descriptor_heap::Table;
 use spirv_jit::environment::{
     Descriptor, DescriptorSet, Environment, InlineBlock, MAX_SETS, StoredDescriptor, uniform,
 };
-use spirv_jit::heap::Table;
 use spirv_jit::reach::Reach;
 
 use super::engine::Engine;

@@ -17,8 +17,8 @@ use spirv_jit::views::Views;
 
 use crate::VkResult;
 use crate::compute::Dispatcher;
-use crate::object::heap::HeapSamplers;
-use crate::object::heap_replay::Identities;
+use crate::object::descriptor_heap::HeapSamplers;
+use crate::object::descriptor_heap_replay::Identities;
 use crate::object::live_memory::LiveMemory;
 use crate::object::messenger::Messengers;
 use crate::object::sync::Waiting;

@@ -12,12 +12,12 @@ use spirv_jit::environment::Environment;
 use spirv_jit::program::Stage;
 
 use super::bindings::{Bindings, Snapshot};
-use super::capture::{self, CaptureBuffers};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
 use super::recorded::RecordedPass;
 use super::samples::Samples;
+use super::transform_feedback::{self, FeedbackBuffers};
 use super::{Failure, check_aborted, prints, show_strays, spans};
 use crate::capture as recording;
 use crate::command::GraphicsCommand;
@@ -32,7 +32,7 @@ use crate::object::graphics_state::{
 use crate::object::setting::Setting;
 use crate::object::{QueryPool, ShaderObject};
 use crate::raster::{
-    BATCH_DRAWS, Batch, Capture, Clear, ClearValue, Context, Counters, Draw, IndexBuffer,
+    BATCH_DRAWS, Batch, Clear, ClearValue, Context, Counters, Draw, IndexBuffer, TransformFeedback,
     VertexBuffer, Work,
 };
 use crate::timeline::{self, Kind, Stack};
@@ -56,7 +56,7 @@ pub struct Current {
     has_dynamic_strides: bool,
     strides: [Option<u64>; MAX_VERTEX_INPUTS],
     indices: IndexBuffer,
-    capture_buffers: CaptureBuffers,
+    feedback_buffers: FeedbackBuffers,
 }
 
 impl Default for Current {
@@ -75,7 +75,7 @@ impl Default for Current {
                 ty: vk::IndexType::UINT32,
                 restart: None,
             },
-            capture_buffers: CaptureBuffers::default(),
+            feedback_buffers: FeedbackBuffers::default(),
         }
     }
 }
@@ -203,7 +203,7 @@ pub struct Drawing<'a> {
     /// passes are skipped.
     pub skips: bool,
     /// Transform feedback that has begun and not ended.
-    capture: Option<Arc<Capture>>,
+    feedback: Option<Arc<TransformFeedback>>,
     /// Samples of the suspended pass.
     kept_samples: Vec<Samples>,
     /// The pass, if it is captured.
@@ -263,7 +263,7 @@ impl<'a> Drawing<'a> {
 
     fn begin_pass(&mut self, engine: &Engine, pass: &'a Pass) -> Result<(), Failure> {
         self.flush(engine)?;
-        self.capture = None;
+        self.feedback = None;
         self.spans.begin(Kind::Pass, || spans::pass(pass));
         let kept = std::mem::take(&mut self.kept_samples);
         let kept = if pass.resumes { kept } else { Vec::new() };
@@ -409,12 +409,14 @@ impl<'a> DrawContext<'_, 'a> {
             GraphicsCommand::DrawMulti(draws) => return self.draw_multi(draws),
             GraphicsCommand::DrawIndirect(draws) => return self.draw_indirect(draws),
             GraphicsCommand::DrawByteCount(draw) => return self.draw_byte_count(draw),
-            GraphicsCommand::BindCaptureBuffers(binding) => {
-                capture::bind(&mut self.current.capture_buffers, binding);
+            GraphicsCommand::BindFeedbackBuffers(binding) => {
+                transform_feedback::bind(&mut self.current.feedback_buffers, binding);
             }
-            GraphicsCommand::BeginCapture(first, counters) => self.begin_capture(*first, counters),
-            GraphicsCommand::EndCapture(first, counters) => {
-                return self.end_capture(*first, counters);
+            GraphicsCommand::BeginFeedback(first, counters) => {
+                self.begin_feedback(*first, counters)
+            }
+            GraphicsCommand::EndFeedback(first, counters) => {
+                return self.end_feedback(*first, counters);
             }
             &GraphicsCommand::BeginConditional { address, inverted } => {
                 return self.begin_conditional(address, inverted);
@@ -432,17 +434,17 @@ impl<'a> DrawContext<'_, 'a> {
         Ok(())
     }
 
-    fn begin_capture(&mut self, first: u32, counters: &[u64]) {
+    fn begin_feedback(&mut self, first: u32, counters: &[u64]) {
         let reach = self.engine.memory.reach();
-        let buffers = &self.current.capture_buffers;
-        let begun = capture::begin(&reach, buffers, first, counters);
-        self.drawing.capture = Some(Arc::new(begun));
+        let buffers = &self.current.feedback_buffers;
+        let begun = transform_feedback::begin(&reach, buffers, first, counters);
+        self.drawing.feedback = Some(Arc::new(begun));
     }
 
-    fn end_capture(&mut self, first: u32, counters: &[u64]) -> Result<(), Failure> {
+    fn end_feedback(&mut self, first: u32, counters: &[u64]) -> Result<(), Failure> {
         self.drawing.flush(self.engine)?;
-        if let Some(ended) = self.drawing.capture.take() {
-            capture::end(&self.engine.memory.reach(), &ended, first, counters);
+        if let Some(ended) = self.drawing.feedback.take() {
+            transform_feedback::end(&self.engine.memory.reach(), &ended, first, counters);
         }
         Ok(())
     }
@@ -531,7 +533,7 @@ impl<'a> DrawContext<'_, 'a> {
     }
 
     fn draw_byte_count(&mut self, draw: &DrawByteCount) -> Result<(), Failure> {
-        let count = capture::captured_vertices(&self.engine.memory.reach(), draw);
+        let count = transform_feedback::captured_vertices(&self.engine.memory.reach(), draw);
         let call = DrawCall {
             first: 0,
             count,
@@ -611,16 +613,17 @@ impl<'a> DrawContext<'_, 'a> {
     fn add(&mut self, indices: Option<IndexBuffer>, call: DrawCall) {
         let Snapshot { environment, keep } = self.environment();
         let (current, drawing) = (&*self.current, &mut *self.drawing);
-        let is_captured =
-            |_: &&Arc<Capture>| (current.stages.last()).is_some_and(|it| it.capture().is_some());
-        let captures = drawing.capture.as_ref().filter(is_captured).cloned();
+        let is_captured = |_: &&Arc<TransformFeedback>| {
+            (current.stages.last()).is_some_and(|it| it.transform_feedback().is_some())
+        };
+        let feedback = drawing.feedback.as_ref().filter(is_captured).cloned();
         if let Some(Work::Draw(last)) = drawing.batch.work.last_mut()
             && Arc::ptr_eq(&last.stages, &current.stages)
             && Arc::ptr_eq(&last.state, &current.state)
             && Arc::ptr_eq(&last.environment, &environment)
             && Arc::ptr_eq(&last.vertex_buffers, &current.vertex_buffers)
             && last.indices == indices
-            && last.capture.as_ref().map(Arc::as_ptr) == captures.as_ref().map(Arc::as_ptr)
+            && last.feedback.as_ref().map(Arc::as_ptr) == feedback.as_ref().map(Arc::as_ptr)
             && last.counters.len() == drawing.queries.len()
             && (last.counters.iter().zip(&drawing.queries))
                 .all(|(counted, query)| Arc::ptr_eq(counted, &query.counters))
@@ -637,7 +640,7 @@ impl<'a> DrawContext<'_, 'a> {
             indices,
             calls: SmallVec::from_slice(&[call]),
             counters: drawing.counters(),
-            capture: captures,
+            feedback: feedback,
         };
         drawing.batch.work.push(Work::Draw(draw));
     }

@@ -10,7 +10,6 @@
 //! events remain, which queues and the host can wait for.
 
 pub mod bindings;
-mod capture;
 mod engine;
 mod graphics;
 mod pass;
@@ -22,6 +21,7 @@ mod samples;
 mod spans;
 mod structures;
 mod transfer;
+mod transform_feedback;
 
 use std::sync::Arc;
 

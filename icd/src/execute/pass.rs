@@ -8,11 +8,11 @@ use smallvec::SmallVec;
 use spirv_jit::environment;
 
 use super::samples::Samples;
+use crate::capabilities::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 use crate::command::pass::{Attachment, Pass, inside};
 use crate::object::ImageView;
 use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
 use crate::raster::{Batch, Clear, ClearValue, Target, Targets, Work};
-use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 use crate::transfer::clear::clear_view;
 use crate::transfer::resolve::resolve_attachment;
 use crate::transfer::surface::Surface;

@@ -15,11 +15,11 @@ use crate::timeline::{self, Kind};
 use crate::trace::Dispatch;
 use crate::trace::stats::Occupancy;
 use crate::validate::{Caller, Checks, Traced, invocations};
+use crate::wave::binding_table::{Region, Tables};
 use crate::wave::mask::{InvocationMask, LiveMask};
 use crate::wave::observer::Observer;
 use crate::wave::observers::Observers;
 use crate::wave::reachable::read;
-use crate::wave::table::{Region, Tables};
 
 /// Performs a dispatch, with the device's workers where it is large.
 ///

@@ -4,7 +4,7 @@
 //! inside a pipeline) are held by further counts. A handle is dereferenced only inside pages of
 //! objects, and accepted only with the tag, so an invalid number causes no fault.
 
-mod pages;
+mod object_pages;
 
 use std::cell::UnsafeCell;
 use std::ops::Deref;
@@ -35,7 +35,7 @@ impl<T> Drop for Object<T> {
         // SAFETY: the field is the object's own. The compiler takes the last write to memory that
         // goes away for useless, unless it is volatile.
         unsafe { (&raw mut self.tag).write_volatile(0) };
-        pages::forget(&raw const *self as usize);
+        object_pages::forget(&raw const *self as usize);
     }
 }
 
@@ -66,7 +66,7 @@ pub fn new<T: Handled>(value: T) -> Ref<T> {
         tag: tag::<T>(),
         value,
     });
-    pages::note(Arc::as_ptr(&object) as usize);
+    object_pages::note(Arc::as_ptr(&object) as usize);
     object
 }
 
@@ -91,7 +91,7 @@ fn pointer<T: Handled>(handle: T::Handle) -> *const Object<T> {
     // SAFETY: the place is aligned and in a page that holds objects, so that it can be read. That
     // it is not written meanwhile is the application's valid usage.
     let is_alive = pointer.is_aligned()
-        && pages::may_hold(pointer as usize)
+        && object_pages::may_hold(pointer as usize)
         && unsafe { (*pointer).tag } == tag::<T>();
     assert!(
         is_alive,

@@ -14,7 +14,7 @@ use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::handle::Ref;
-use crate::wave::table::Group;
+use crate::wave::binding_table::Group;
 
 /// A pipeline that is linked once all its shaders are compiled.
 pub struct DeferredPipeline {

@@ -11,7 +11,7 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use super::shading_rate::ShadingRate;
-use crate::table::limits;
+use crate::capabilities::limits;
 
 /// `maxViewports`.
 pub const MAX_VIEWPORTS: usize = limits::MAX_VIEWPORTS as usize;

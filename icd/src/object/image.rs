@@ -12,14 +12,14 @@ use spirv_jit::reach::Range;
 use spirv_jit::views::{Key, Views};
 
 use super::address_space::GRANULE;
-use super::heap_replay::Identity;
+use super::descriptor_heap_replay::Identity;
 use super::resident;
 use super::sparse::Reservation;
 use super::view_entry::ViewEntry;
 use crate::VkResult;
+use crate::capabilities::limits;
 use crate::format::{self, PlaneFormat, texel_format};
 use crate::os::address_space::page_bytes;
-use crate::table::limits;
 
 /// Alignment of levels, samples and layers.
 const SUBRESOURCE_ALIGNMENT: u64 = 64;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::PhysicalDevice;
 use super::messenger::Messengers;
+use crate::capabilities::extensions::ExtensionSet;
 use crate::handle::Ref;
-use crate::table::extensions::ExtensionSet;
 
 /// An instance. It has one physical device.
 pub struct Instance {

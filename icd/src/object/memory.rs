@@ -12,10 +12,10 @@ use super::address_space::{AddressSpace, GRANULE, Placement};
 use super::live_memory::LiveMemory;
 use super::ranges::Taken;
 use crate::VkResult;
+use crate::capabilities::limits::max_allocations;
 use crate::os::address_space::{commit, discard, is_mapped, replace_by_zeros};
 use crate::os::handle::{Handle, Sharing};
 use crate::os::section::{Refused, Section};
-use crate::table::limits::max_allocations;
 
 /// Bytes in use by all devices of the process, which share the machine.
 static USED_BYTES: AtomicU64 = AtomicU64::new(0);

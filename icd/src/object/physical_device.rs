@@ -6,10 +6,10 @@ use lanes::Tier;
 
 use super::memory;
 use super::messenger::Messengers;
+use crate::capabilities::extensions::ExtensionSet;
+use crate::capabilities::properties::Machine;
 use crate::os::{self, quota::Quota};
 use crate::settings;
-use crate::table::extensions::ExtensionSet;
-use crate::table::properties::Machine;
 
 /// The one physical device of an instance.
 pub struct PhysicalDevice {

@@ -14,7 +14,7 @@ use super::deferred_pipeline::DeferredPipeline;
 use super::graphics_pipeline::GraphicsPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
-use crate::wave::table::Group;
+use crate::wave::binding_table::Group;
 
 /// A shader module: its words, checked when a pipeline uses them.
 pub struct ShaderModule {

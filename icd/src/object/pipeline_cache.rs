@@ -20,7 +20,7 @@ use spirv_jit::Program;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use super::stage_program::ProgramKey;
-use crate::table::properties::{DEVICE_ID, VENDOR_ID, pipeline_cache_uuid};
+use crate::capabilities::properties::{DEVICE_ID, VENDOR_ID, pipeline_cache_uuid};
 
 const HEADER_BYTES: usize = 32;
 /// Key, length, hash.

@@ -5,8 +5,8 @@
 use spirv_jit::ir::op::DescriptorBinding;
 
 use super::DescriptorSetLayout;
+use crate::capabilities::limits::MAX_DYNAMIC_BUFFERS;
 use crate::handle::Ref;
-use crate::table::limits::MAX_DYNAMIC_BUFFERS;
 
 /// Number range of a set's dynamic buffers: those of set n begin at n times this. So a program's
 /// numbers depend only on the layouts of the sets that it uses (pipeline libraries, shader

@@ -11,7 +11,7 @@ use spirv_jit::program::Stage;
 use xxhash_rust::xxh3::xxh3_128_with_seed;
 
 use super::stage_program::{ProgramKey, StageProgram};
-use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
+use crate::wave::binding_table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
 
 /// A ray tracing pipeline, or a library to link into one.
 pub struct RayTracingPipeline {

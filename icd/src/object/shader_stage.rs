@@ -11,16 +11,16 @@ use images::SamplerDescriptor;
 use rspirv::spirv::Capability;
 use serde_json::json;
 use spirv_jit::Program;
+use spirv_jit::descriptor_heap::{Mapping, Source};
 use spirv_jit::error::ErrorKind;
-use spirv_jit::heap::{Mapping, Source};
 use spirv_jit::ir::{Module, binary};
 use spirv_jit::origin::{Name, Origin, file_of, has_lines};
 use spirv_jit::parse::NewerCapability;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
+use super::descriptor_heap::HeapSamplers;
 use super::embedded_sampler::{EmbeddedSampler, encode};
-use super::heap::HeapSamplers;
 use super::messenger::Messengers;
 use super::pipeline_binary::StoredModule;
 use super::stage_program::{ProgramKey, StageProgram};

@@ -4,7 +4,7 @@
 
 use ash::vk::{self, FragmentShadingRateCombinerOpKHR as Op};
 
-use crate::table::limits::{MAX_COVERAGE_SAMPLES, MAX_FRAGMENT_SIDE};
+use crate::capabilities::limits::{MAX_COVERAGE_SAMPLES, MAX_FRAGMENT_SIDE};
 
 /// Largest exponent of a fragment's side.
 const MOST: u8 = MAX_FRAGMENT_SIDE.ilog2() as u8;

@@ -12,9 +12,9 @@ use super::swapchain::Shared;
 use super::timing::OWN_STAGES;
 use super::{Swapchain, Window};
 use crate::VkResult;
+use crate::capabilities::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 use crate::ffi::vk::{PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT, PresentStageFlagsEXT};
 use crate::handle::{Object, Ref};
-use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 
 /// `VkSurfaceKHR`.
 pub struct Surface {

@@ -21,6 +21,7 @@ use super::offer::{MAX_IMAGES, MIN_IMAGES, is_shared};
 use super::timing::{Refresh, Timing, Timings};
 use super::{Pictures, Scaling, Screen, WakeEvent, Window};
 use crate::VkResult;
+use crate::capabilities::limits::MEMORY_ALIGNMENT;
 use crate::execute::query::timestamp_ns;
 use crate::ffi::vk::{
     PRESENT_MODE_FIFO_LATEST_READY_KHR, PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT,
@@ -32,7 +33,6 @@ use crate::object::memory::{AddressWindow, Source};
 use crate::object::sync::Waiting;
 use crate::object::{DeviceMemory, Image};
 use crate::os::handle::Sharing;
-use crate::table::limits::MEMORY_ALIGNMENT;
 
 /// The creation parameters of a swapchain.
 pub struct Creation<'a> {

@@ -15,10 +15,10 @@
 //! of a query, a timestamp, and a batch that has grown to [`BATCH_DRAWS`]. A draw of many
 //! primitives is worked off in several rounds of up to [`ROUND_CHUNKS`] chunks.
 
-pub mod capture;
 pub mod front;
 pub mod primitive;
 pub mod tile;
+pub mod transform_feedback;
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
@@ -35,8 +35,8 @@ use crate::object::graphics_state::{
 use crate::transfer::surface::Surface;
 use crate::wave::launch_counts::LaunchCounts;
 use crate::wave::{Limits, Stopped, Workers};
-pub use capture::Capture;
 pub use primitive::Chunk;
+pub use transform_feedback::TransformFeedback;
 
 /// Draws and clears of a batch, at most.
 pub const BATCH_DRAWS: usize = 4096;
@@ -162,7 +162,7 @@ pub struct Draw {
     /// Of each active query.
     pub counters: SmallVec<[Arc<Counters>; 1]>,
     /// Transform feedback, if it is active and the last stage before rasterization has the mode.
-    pub capture: Option<Arc<Capture>>,
+    pub feedback: Option<Arc<TransformFeedback>>,
 }
 
 /// One attachment's part of `vkCmdClearAttachments`, or a load operation.

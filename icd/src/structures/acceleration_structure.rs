@@ -7,10 +7,10 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::{Live, Structure};
 
+use crate::capabilities::limits;
 use crate::capture;
 use crate::command::structures::CopyMode;
 use crate::object::acceleration_structure::Storage;
-use crate::table::limits;
 use crate::wave::reachable::{bytes, writable};
 
 /// The used bytes of the structure at an address; `None` if none was built there.

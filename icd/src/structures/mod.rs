@@ -10,9 +10,9 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::Live;
 
+use crate::capabilities::limits;
 use crate::command::StructureCommand;
 use crate::command::structures::{Built, BuiltCopy};
-use crate::table::limits;
 use crate::validate::Checks;
 use build::{build, with_ranges};
 

@@ -34,9 +34,9 @@ use super::walked::Counting;
 use crate::os::memory::trim_heap;
 use crate::settings::settings;
 use crate::wave::Stopped;
+use crate::wave::binding_table::ProgramIndex;
 use crate::wave::observer::{Observer, StartedWave};
 use crate::wave::queries::Queries;
-use crate::wave::table::ProgramIndex;
 
 /// Fuel of one run between two looks at the limits.
 const FUEL: u64 = 1 << 16;

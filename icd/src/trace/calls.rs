@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use super::subgroup::{LaneRef, Role};
-use crate::wave::table::{Group, Live, ProgramIndex, Shaders};
+use crate::wave::binding_table::{Group, Live, ProgramIndex, Shaders};
 
 /// An invocation to be created.
 #[derive(Clone, Copy, Debug)]

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use lanes::LaneMask;
-use traversal::{Flights, PACKET, RayCost, RayCosts, RayRows};
+use traversal::{GroupWalks, PACKET, RayCost, RayCosts, RayRows};
 
 use super::batch::Batch;
 use super::line::{InPlace, Nested};
@@ -105,7 +105,7 @@ impl<'a> Batch<'a> {
         let started = Instant::now();
         // SAFETY: the application keeps the structures that a trace may reach built and bound until
         // the dispatch is complete, as for other walks of the batch.
-        let over = unsafe { costs.walk_to_ends(&rays, is_kept, &mut group.flight, &mut found) };
+        let over = unsafe { costs.walk_to_ends(&rays, is_kept, &mut group.group_walk, &mut found) };
         // With fewer rays, those that meet candidates and end at their first hit may find another.
         let is_over = over == is_kept;
         if is_over {
@@ -135,7 +135,7 @@ impl<'a> Batch<'a> {
                         structure: rays.top_level[lane],
                         ray: rays.ray(lane),
                         time: rays.time[lane],
-                        hit: group.flight.hits.get(lane),
+                        hit: group.group_walk.hits.get(lane),
                     });
                 }
             }

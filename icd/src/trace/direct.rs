@@ -22,14 +22,14 @@ use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, MAX_SUBGROUPS, SiteKind
 
 use super::batch::Batch;
 use super::fill_plan::{FillPlan, Subject, fill_by_plan};
-use super::forming::MANY;
 use super::inputs::{self, fill};
 use super::line::{InPlace, Line, Nested, Noted};
 use super::rays::alike;
+use super::regroup::MANY;
 use super::subgroup::{LaneRef, Role, SubgroupIndex, Turn};
 use crate::wave::Stopped;
+use crate::wave::binding_table::ProgramIndex;
 use crate::wave::rows::copy_lanes;
-use crate::wave::table::ProgramIndex;
 
 /// The numbers of all states of a wave.
 const NUMBERS: [usize; MAX_SUBGROUPS] = {

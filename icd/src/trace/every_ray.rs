@@ -8,11 +8,11 @@ use traversal::Ray;
 use super::batch::Batch;
 use super::rays::{alike, operand, record_indices, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex};
+use crate::wave::binding_table::ProgramIndex;
 use crate::wave::observer::{
     Instruction, Interests, LookupPurpose, Observer, RecordLookup, ShaderCall, StartedRay,
     TableKind,
 };
-use crate::wave::table::ProgramIndex;
 
 impl<'a> Batch<'a> {
     /// The observer, if it takes such events.
@@ -62,10 +62,10 @@ impl<'a> Batch<'a> {
         for lane in lanes {
             let ray = subgroup.of[lane];
             let group = &worker.ray_groups[ray.index()];
-            let candidates = group.flight.candidates();
+            let candidates = group.group_walk.candidates();
             let t = [f32::from_bits(subgroup.io(program, 0, lane)); SUBGROUP_SIZE];
             let at = LaneMask::of(ray.lane());
-            let counts = group.flight.counts(at, &t);
+            let counts = group.group_walk.counts(at, &t);
             if !counts.is_empty() && !candidates.opaque().contains(ray.lane()) {
                 let operands = group.operands(&worker.subgroups);
                 let records = record_indices(self.dispatch.tier, candidates, operands);

@@ -7,8 +7,8 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
 use super::rays::{Operands, RayGroup, operand};
+use crate::wave::binding_table::HANDLE_SIZE;
 use crate::wave::rows::bits_of;
-use crate::wave::table::HANDLE_SIZE;
 
 /// The row that an input is.
 #[derive(Clone, Copy)]
@@ -68,7 +68,7 @@ impl FillPlan {
     /// Whether it holds for these hits.
     #[inline]
     pub fn applies(&self, group: &RayGroup, lanes: LaneMask) -> bool {
-        !self.has_weights || (lanes - group.flight.hits.built_in()).is_empty()
+        !self.has_weights || (lanes - group.group_walk.hits.built_in()).is_empty()
     }
 
     /// Fills the inputs of a ray generation shader's invocations, whose plan this is.
@@ -92,7 +92,7 @@ impl FillPlan {
 
     #[inline(always)]
     fn fill_rows(&self, subject: &Subject<'_>, rows: &mut [AlignedRow]) {
-        let hits = &subject.group.flight.hits;
+        let hits = &subject.group.group_walk.hits;
         for (row, &source) in rows.iter_mut().zip(&self.sources) {
             row.0 = match source {
                 Source::Data(word) => match subject.data.get(word) {

@@ -10,9 +10,9 @@ use traversal::{Hit, Structure, Swept};
 use super::batch::{Batch, Worker};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex};
+use crate::wave::binding_table::HANDLE_SIZE;
 use crate::wave::hit_facts::{CachedFacts, Lanes, OfHit, Subjects, hit_word, take};
 use crate::wave::observer::Instruction;
-use crate::wave::table::HANDLE_SIZE;
 use crate::wave::{Limits, Stopped};
 
 impl Batch<'_> {
@@ -25,7 +25,7 @@ impl Batch<'_> {
         } = &mut *self.worker;
         let group = &ray_groups[index];
         let operands = group.operands(subgroups);
-        let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
+        let records = record_indices(self.dispatch.tier, &group.group_walk.hits, operands);
         for lane in lanes {
             let object = found_by(group, group.operands(subgroups), records[lane], lane);
             let subgroup = &mut subgroups[group.caller];
@@ -57,13 +57,13 @@ impl Batch<'_> {
                 continue;
             }
             let mut sbt_offset = 0;
-            group.flight.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
+            group.group_walk.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
             if object.state() == kind::HIT {
                 let hit = object.hit(self.dispatch.limits);
                 // The record's index is given: one that the rule for hits leads back to, with a
                 // stride of 0.
                 sbt_offset = object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset);
-                group.flight.hits.set(lane, &hit);
+                group.group_walk.hits.set(lane, &hit);
                 let attributes = &mut group.procedural_mut().attributes;
                 for (attribute, word) in attributes.iter_mut().zip(&object.0[word::ATTRIBUTES..]) {
                     attribute[lane] = *word;
@@ -153,7 +153,7 @@ impl Batch<'_> {
 fn found_by(group: &RayGroup, operands: &Operands, record: u32, lane: usize) -> [u32; word::COUNT] {
     let mut object = [0; word::COUNT];
     object[word::RECORD_INDEX] = record;
-    let state = match group.flight.hits.get(lane) {
+    let state = match group.group_walk.hits.get(lane) {
         Some(hit) => {
             object[word::T_MAX] = hit.t.to_bits();
             object[word::INSTANCE] = hit.instance_index;

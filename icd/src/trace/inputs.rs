@@ -11,9 +11,9 @@ use super::grid::Launches;
 use super::rays::{Operands, RayGroup, Report, operand};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
+use crate::wave::binding_table::HANDLE_SIZE;
 use crate::wave::hit_facts::{CachedFacts, Lanes, Subjects, Take, take};
 use crate::wave::rows::{bits_of, floats};
-use crate::wave::table::HANDLE_SIZE;
 
 /// The sources of inputs.
 pub struct Sources<'a> {
@@ -242,8 +242,8 @@ impl<'a> HitLanes<'a> {
     #[inline(always)]
     fn hits_of(&self, group: &'a RayGroup) -> &'a HitRows {
         match self.is_about_candidates {
-            true => group.flight.candidates(),
-            false => &group.flight.hits,
+            true => group.group_walk.candidates(),
+            false => &group.group_walk.hits,
         }
     }
 
@@ -340,7 +340,7 @@ impl<'a> HitLanes<'a> {
         match self.role {
             Role::AnyHitOfReport => self.of_reports(|report| report.t.to_bits()),
             Role::Intersection => {
-                by_lane(|lane| self.rays.group(lane).flight.t_max()[self.lane(lane)].to_bits())
+                by_lane(|lane| self.rays.group(lane).group_walk.t_max()[self.lane(lane)].to_bits())
             }
             _ => self.row_of(|hits, lane| hits.t[lane].to_bits()),
         }

@@ -6,7 +6,7 @@ use spirv_jit::program::{AlignedRow, Event};
 
 use super::fill_plan::FillPlan;
 use super::subgroup::{Callee, LaneRef, Role, SubgroupIndex};
-use crate::wave::table::ProgramIndex;
+use crate::wave::binding_table::ProgramIndex;
 
 /// The event of a subgroup that went on in a line.
 pub struct Noted {

@@ -22,13 +22,13 @@ mod counted;
 mod direct;
 mod every_ray;
 mod fill_plan;
-mod forming;
 mod grid;
 mod hit_object;
 mod inputs;
 mod line;
 mod rays;
 mod ready;
+mod regroup;
 mod reorder;
 mod slab;
 pub mod stats;
@@ -48,10 +48,10 @@ use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
 
 use crate::timeline;
+use crate::wave::binding_table::{self, Live, Shaders, Tables};
 use crate::wave::costs::Costs;
 use crate::wave::mask::LiveMask;
 use crate::wave::observer::Observer;
-use crate::wave::table::{self, Live, Shaders, Tables};
 use crate::wave::{Limits, Stopped, Workers};
 pub use grid::Grid;
 
@@ -127,7 +127,7 @@ impl Tracer {
 
 impl Dispatch<'_> {
     /// The ray generation shader and its record.
-    fn raygen(&self) -> Option<(table::ProgramIndex, u64)> {
+    fn raygen(&self) -> Option<(binding_table::ProgramIndex, u64)> {
         let (record, handle) = self.tables.raygen.handle(0)?;
         let group = self.shaders.group(&handle)?;
         Some((group.general?, record))

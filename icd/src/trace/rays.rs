@@ -4,7 +4,7 @@
 use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
-use traversal::{Flight, HitRows, RayRows, ray_flags};
+use traversal::{GroupWalk, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
 use super::slab::Slab;
@@ -63,7 +63,7 @@ pub struct RayGroup {
     /// Lanes whose ray is not answered yet.
     pub in_flight: LaneMask,
     /// How far they are: what was found, and candidates.
-    pub flight: Flight,
+    pub group_walk: GroupWalk,
     /// Lanes whose rays walked to their ends by themselves, once a capture has counted them.
     pub walked_alone: Option<LaneMask>,
     /// Lanes about whose candidates shaders have not decided yet.
@@ -94,7 +94,7 @@ impl RayGroup {
     pub fn record(&mut self) {
         self.is_recorded = true;
         self.has_time = true;
-        self.flight.hits.found = LaneMask::NONE;
+        self.group_walk.hits.found = LaneMask::NONE;
     }
 
     /// The rays, for reports.

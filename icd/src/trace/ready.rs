@@ -5,7 +5,7 @@
 use spirv_jit::program::ResumePoint;
 
 use super::subgroup::{SubgroupIndex, Turn};
-use crate::wave::table::ProgramIndex;
+use crate::wave::binding_table::ProgramIndex;
 
 /// Subgroups of one program that stand at one point.
 pub struct Ready {

@@ -14,7 +14,7 @@ use super::batch::Batch;
 use super::grid::Launches;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
 use crate::wave::Stopped;
-use crate::wave::table::ProgramIndex;
+use crate::wave::binding_table::ProgramIndex;
 
 /// The sort key of lanes, most significant first: the shader that the hit object names, the hint's
 /// bits, the shader's record.

@@ -10,8 +10,8 @@ use parking_lot::Mutex;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use crate::settings::settings;
+use crate::wave::binding_table::Shaders;
 use crate::wave::observer::{Interests, Observer, StartedWave};
-use crate::wave::table::Shaders;
 
 /// The counts of one shader's runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

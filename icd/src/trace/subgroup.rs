@@ -7,8 +7,8 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
 use crate::wave::Stopped;
+use crate::wave::binding_table::ProgramIndex;
 use crate::wave::queries::Owned;
-use crate::wave::table::ProgramIndex;
 
 /// The shader that is called, what for, and the address of its record.
 pub type Callee = (ProgramIndex, Role, u64);

@@ -11,7 +11,7 @@ use spirv_jit::ir::text::parse_module;
 use spirv_jit::reach::Reach;
 
 use super::{Dispatch, Tracer};
-use crate::wave::table::{Group, HANDLE_SIZE, Handle, Live, Region, Shaders, Tables};
+use crate::wave::binding_table::{Group, HANDLE_SIZE, Handle, Live, Region, Shaders, Tables};
 use crate::wave::{Limits, Stopped, Workers};
 
 const SIZE: u32 = 20;

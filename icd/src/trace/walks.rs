@@ -2,15 +2,15 @@
 
 use lanes::LaneMask;
 use smallvec::SmallVec;
-use traversal::{Flight, Flights, RayRows, Start};
+use traversal::{GroupWalk, GroupWalks, RayRows, Start};
 
 use super::batch::Batch;
 use super::rays::{alike, load_rays, record_indices, shows_first_hit, skips_closest_hit};
 use super::subgroup::Role;
 use crate::wave::Stopped;
-use crate::wave::table::ProgramIndex;
+use crate::wave::binding_table::ProgramIndex;
 
-impl Flights for Batch<'_> {
+impl GroupWalks for Batch<'_> {
     type Stop = Stopped;
 
     fn rays(&self, index: u32, rays: &mut RayRows) -> Start {
@@ -24,12 +24,12 @@ impl Flights for Batch<'_> {
         }
     }
 
-    fn flight(&mut self, index: u32) -> &mut Flight {
-        &mut self.worker.ray_groups[index].flight
+    fn group_walk(&mut self, index: u32) -> &mut GroupWalk {
+        &mut self.worker.ray_groups[index].group_walk
     }
 
     fn settled(&mut self, index: u32) -> Result<(), Stopped> {
-        match self.worker.ray_groups[index].flight.candidates().found {
+        match self.worker.ray_groups[index].group_walk.candidates().found {
             LaneMask::NONE => self.end_walks(index),
             lanes => self.ask_about_candidates(index, lanes),
         }
@@ -96,7 +96,7 @@ impl Batch<'_> {
     fn ask_about_candidates(&mut self, index: u32, lanes: LaneMask) -> Result<(), Stopped> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[index];
-        let candidates = group.flight.candidates();
+        let candidates = group.group_walk.candidates();
         let records = record_indices(
             self.dispatch.tier,
             candidates,
@@ -120,7 +120,7 @@ impl Batch<'_> {
                 undecided |= alike;
                 callees.push(((program, role, record), alike));
             } else if role == Role::AnyHit {
-                self.worker.ray_groups[index].flight.accept(alike);
+                self.worker.ray_groups[index].group_walk.accept(alike);
             }
         }
         self.worker.ray_groups[index].undecided = undecided;
@@ -162,15 +162,15 @@ impl Batch<'_> {
         if group.fills_hit_object {
             if self.is_watched {
                 let operands = group.operands(&worker.subgroups);
-                let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
+                let records = record_indices(self.dispatch.tier, &group.group_walk.hits, operands);
                 self.watch_end_of_walks(index, &records);
             }
             self.fill_hit_objects(index, lanes);
             return Ok(());
         }
         let operands = group.operands(&worker.subgroups);
-        let records = record_indices(self.dispatch.tier, &group.flight.hits, operands);
-        let hits = group.flight.hits.found & lanes;
+        let records = record_indices(self.dispatch.tier, &group.group_walk.hits, operands);
+        let hits = group.group_walk.hits.found & lanes;
         let mut silent = hits & skips_closest_hit(operands);
         if self.is_watched {
             self.watch_end_of_walks(index, &records);

@@ -100,7 +100,7 @@ impl<'a> Batch<'a> {
     #[cold]
     pub(super) fn watch_candidates(&mut self, index: u32, lanes: LaneMask, records: &Row) {
         let group = &self.worker.ray_groups[index];
-        let candidates = group.flight.candidates();
+        let candidates = group.group_walk.candidates();
         let triangles = candidates.built_in();
         for (purpose, lanes) in [
             (LookupPurpose::AnyHit, lanes & triangles),
@@ -151,9 +151,9 @@ impl<'a> Batch<'a> {
         let attributes = words.map(|word| subgroup.io(program, IO_DATA_ROW + word, lane));
         let attributes = attributes.collect();
         let group = &self.worker.ray_groups[ray.index()];
-        let candidates = group.flight.candidates();
+        let candidates = group.group_walk.candidates();
         let at = LaneMask::of(ray.lane());
-        let counts = group.flight.counts(at, &[t; SUBGROUP_SIZE]);
+        let counts = group.group_walk.counts(at, &[t; SUBGROUP_SIZE]);
         let is_opaque = candidates.opaque().contains(ray.lane());
         let operands = group.operands(&self.worker.subgroups);
         let record = record_indices(self.dispatch.tier, candidates, operands)[ray.lane()];
@@ -183,12 +183,12 @@ impl<'a> Batch<'a> {
         let group = &self.worker.ray_groups[index];
         let lanes = group.in_flight;
         let operands = group.operands(&self.worker.subgroups);
-        let hits = group.flight.hits.found & lanes;
+        let hits = group.group_walk.hits.found & lanes;
         let silent = hits & skips_closest_hit(operands);
         let fills = group.fills_hit_object;
         if !fills {
             let boxes = hits.iter().filter(|&lane| {
-                let hit = group.flight.hits.get(lane);
+                let hit = group.group_walk.hits.get(lane);
                 hit.is_some_and(|hit| !hit.is_built_in())
             });
             let boxes = boxes.fold(LaneMask::NONE, |boxes, lane| boxes | LaneMask::of(lane));
@@ -203,7 +203,7 @@ impl<'a> Batch<'a> {
         let Some((_, lane)) = self.observed(group.caller, lanes) else {
             return;
         };
-        let hit = group.flight.hits.get(lane);
+        let hit = group.group_walk.hits.get(lane);
         let is_reported = hit.is_some_and(|hit| !hit.is_built_in());
         let procedural = group.procedural().filter(|_| is_reported);
         let attributes = procedural.map_or(Vec::new(), |rays| {

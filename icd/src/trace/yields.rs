@@ -11,8 +11,8 @@ use super::calls::Records;
 use super::rays::{Report, alike, record_indices};
 use super::subgroup::{Callee, LaneRef, Role, SubgroupIndex, by_index, in_place, lanes_named};
 use crate::wave::Stopped;
+use crate::wave::binding_table::{Live, Shaders};
 use crate::wave::rows::{copy_lanes, copy_row, floats, put_word};
-use crate::wave::table::{Live, Shaders};
 
 impl Batch<'_> {
     /// Starts what a yield asks for, lane by lane.
@@ -192,8 +192,8 @@ impl Batch<'_> {
         };
         let t = floats(&t);
         let group = &mut ray_groups[group_index];
-        let counts = group.flight.counts(lanes, &t);
-        let candidates = group.flight.candidates();
+        let counts = group.group_walk.counts(lanes, &t);
+        let candidates = group.group_walk.candidates();
         let undecided = counts - candidates.opaque();
         let mut callees = SmallVec::new();
         if !undecided.is_empty() {
@@ -212,7 +212,7 @@ impl Batch<'_> {
                     copy_row(tier, attribute, &row, committed);
                 }
             }
-            over = group.flight.report(committed, &t, &kinds);
+            over = group.group_walk.report(committed, &t, &kinds);
         }
         let mut verdicts = [0; SUBGROUP_SIZE];
         put_word(tier, &mut verdicts, 1, committed);
@@ -259,9 +259,9 @@ impl Batch<'_> {
                 [report.hit_kind.into(); SUBGROUP_SIZE],
             );
             let lanes = LaneMask::of(lane);
-            let over = !group.flight.report(lanes, &t, &kinds).is_empty();
+            let over = !group.group_walk.report(lanes, &t, &kinds).is_empty();
             if terminates {
-                group.flight.end(lanes);
+                group.group_walk.end(lanes);
             }
             verdict = if over || terminates { 2 } else { 1 };
         }
@@ -363,8 +363,10 @@ impl Batch<'_> {
     fn decide_together(&mut self, index: u32, lanes: LaneMask, decisions: &Row) {
         let group = &mut self.worker.ray_groups[index];
         let over = LaneMask::with_any(decisions, !1) & lanes;
-        group.flight.accept(lanes - LaneMask::holding(decisions, 1));
-        group.flight.end(over);
+        group
+            .group_walk
+            .accept(lanes - LaneMask::holding(decisions, 1));
+        group.group_walk.end(over);
         self.decided(index, lanes);
     }
 

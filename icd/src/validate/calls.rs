@@ -4,8 +4,8 @@
 use ash::vk;
 
 use super::{Rule, Traced};
+use crate::wave::binding_table::{GroupKind, HANDLE_SIZE};
 use crate::wave::observer::{LookupPurpose, RecordLookup, ShaderCall};
-use crate::wave::table::{GroupKind, HANDLE_SIZE};
 
 impl Traced {
     /// Checks a record that is used.

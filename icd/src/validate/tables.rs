@@ -6,12 +6,12 @@ use spirv_jit::reach::Stray;
 
 use super::registry::BufferCoverage;
 use super::{Checks, Rule};
-use crate::table::limits::{
+use crate::capabilities::limits::{
     MAX_RAY_DISPATCH_INVOCATIONS, MAX_SHADER_GROUP_STRIDE, SHADER_GROUP_BASE_ALIGNMENT,
     SHADER_GROUP_HANDLE_ALIGNMENT,
 };
+use crate::wave::binding_table::{Region, Tables};
 use crate::wave::mask::InvocationMask;
-use crate::wave::table::{Region, Tables};
 
 /// The rules of one table. The ray generation table has one record, and so no rules about strides.
 struct TableRules {

@@ -13,7 +13,7 @@ use spirv_jit::origin::CodeLocation;
 use spirv_jit::reach::Stray;
 
 use super::observer::Observer;
-use crate::table::limits::MAX_DEVICE_FAULT_COUNT;
+use crate::capabilities::limits::MAX_DEVICE_FAULT_COUNT;
 
 /// Why a command was given up: the device is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

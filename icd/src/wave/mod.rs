@@ -1,6 +1,7 @@
 //! Running waves, for drawing, dispatches and rays: the loop over a program's subgroups, ray
 //! queries, workers, limits, reachable memory, shader tables.
 
+pub mod binding_table;
 mod budget;
 pub mod costs;
 mod fault;
@@ -15,7 +16,6 @@ pub mod queries;
 pub mod reachable;
 pub mod rows;
 pub mod runner;
-pub mod table;
 mod workers;
 pub mod workgroups;
 

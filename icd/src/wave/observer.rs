@@ -6,8 +6,8 @@ use spirv_jit::origin::CodeLocation;
 use spirv_jit::reach::Stray;
 use traversal::{Hit, Kind, Ray};
 
+use super::binding_table::{Group, Handle, ProgramIndex, Region};
 use super::launch_counts::LaunchCounts;
-use super::table::{Group, Handle, ProgramIndex, Region};
 
 /// An observer of a command. Each takes some events and leaves out the others.
 pub trait Observer: Send + Sync {

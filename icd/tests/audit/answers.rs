@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use ash::vk;
+use vulkan_tuff::capabilities::extensions::ExtensionSet;
+use vulkan_tuff::capabilities::limits::API_VERSION;
+use vulkan_tuff::capabilities::{features, properties};
 use vulkan_tuff::object::PhysicalDevice;
 use vulkan_tuff::object::messenger::Messengers;
-use vulkan_tuff::table::extensions::ExtensionSet;
-use vulkan_tuff::table::limits::API_VERSION;
-use vulkan_tuff::table::{features, properties};
 
 use crate::registry::Structure;
 

@@ -4,10 +4,10 @@
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 use ash::vk;
+use vulkan_tuff::capabilities::extensions::{Extension, Kind, of_system};
+use vulkan_tuff::capabilities::features;
+use vulkan_tuff::capabilities::limits::API_VERSION;
 use vulkan_tuff::entry::loader::{self, Availability, Level};
-use vulkan_tuff::table::extensions::{Extension, Kind, of_system};
-use vulkan_tuff::table::features;
-use vulkan_tuff::table::limits::API_VERSION;
 
 use crate::answers::{UNTOUCHED, answer};
 use crate::condition::evaluate;

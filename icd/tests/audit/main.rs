@@ -13,9 +13,9 @@ use std::path::{Path, PathBuf};
 
 use ash::vk;
 use registry::Registry;
+use vulkan_tuff::capabilities::extensions::of_system;
+use vulkan_tuff::capabilities::limits::API_VERSION;
 use vulkan_tuff::format;
-use vulkan_tuff::table::extensions::of_system;
-use vulkan_tuff::table::limits::API_VERSION;
 
 /// Where the registry is: what `VULKAN_REGISTRY` names, or where packages and SDKs put it.
 fn registry_path() -> Option<PathBuf> {

@@ -23,6 +23,7 @@ mod kernels;
 mod machine;
 mod matrix;
 mod memory;
+pub mod modulate;
 mod native;
 mod operand;
 mod prints;
@@ -30,7 +31,6 @@ mod region;
 mod slots;
 mod subgroup;
 mod tier;
-pub mod tinted;
 mod vector_product;
 mod yields;
 

@@ -107,18 +107,18 @@
 
 pub mod binary;
 mod build;
-pub mod capture;
 pub mod entities;
 pub mod interface;
 pub mod mesh;
+pub mod modulate;
 pub mod module;
 pub mod op;
-pub mod passed;
+pub mod pass_through;
 mod signature;
 pub mod stage;
 pub mod tessellation;
 pub mod text;
-pub mod tinted;
+pub mod transform_feedback;
 pub mod verify;
 mod visit;
 pub mod workgroups;

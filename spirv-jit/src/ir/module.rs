@@ -2,10 +2,10 @@
 
 use smallvec::SmallVec;
 
-use super::capture::CaptureFacts;
 use super::interface::{Barycentric, FragmentFacts, GeometryFacts, OutputRow, Varying};
 use super::mesh::MeshFacts;
 use super::tessellation::TessellationFacts;
+use super::transform_feedback::FeedbackFacts;
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
 use crate::ir::stage::{Builtin, Stage};
 use crate::query::QueryWord;
@@ -143,7 +143,7 @@ pub struct Module {
     /// Task and mesh: what the rasterizer must know.
     pub mesh: Option<MeshFacts>,
     /// Vertex, evaluation and geometry: what transform feedback captures.
-    pub capture: Option<CaptureFacts>,
+    pub feedback: Option<FeedbackFacts>,
     /// Fragment: what the rasterizer must know.
     pub fragment: Option<FragmentFacts>,
     /// Compute, task and mesh: the workgroup's size in invocations per dimension; otherwise ones.

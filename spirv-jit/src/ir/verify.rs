@@ -87,7 +87,7 @@ pub fn verify(module: &Module) -> Result<(), String> {
     {
         return Err("the values of a workgroup's primitives are out of range".into());
     }
-    if let Some(facts) = &module.capture {
+    if let Some(facts) = &module.feedback {
         let has_stage = is_evaluation || matches!(module.stage, Stage::Vertex | Stage::Geometry);
         if !has_stage || !facts.fits() {
             return Err("what is captured does not fit".into());

@@ -8,7 +8,7 @@ use super::constants::{Constant, Constants, Contents, MAX_SCALARS, truncate};
 use super::fold::fold_operation;
 use super::types::{TypeKind, Types};
 use crate::Error;
-use crate::heap::DESCRIPTOR_BYTES;
+use crate::descriptor_heap::DESCRIPTOR_BYTES;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction, ParsedModule, newer};
 

@@ -4,9 +4,9 @@ use rspirv::spirv::{Capability, ExecutionMode, Op};
 
 use super::{Lowerer, budget};
 use crate::Error;
-use crate::ir::capture::MAX_STREAMS;
 use crate::ir::interface::{Emits, GeometryFacts};
 use crate::ir::stage::Stage;
+use crate::ir::transform_feedback::MAX_STREAMS;
 use crate::ir::{self, Type, VariableId};
 use crate::parse::Instruction;
 

@@ -24,7 +24,6 @@ mod builder;
 mod builtin;
 mod call;
 mod capability;
-mod capture;
 mod composite;
 mod constants;
 mod convert;
@@ -34,6 +33,7 @@ mod debug_printf;
 mod define_constant;
 mod denormals;
 mod derivative;
+mod descriptor_heap;
 mod emission;
 mod entry;
 mod facts;
@@ -43,7 +43,6 @@ mod fragment;
 mod frame;
 mod function;
 mod glsl;
-mod heap;
 mod hit_object;
 mod id_table;
 mod image;
@@ -65,6 +64,7 @@ mod ray_query;
 mod stage_interface;
 mod structure;
 mod subgroup;
+mod transform_feedback;
 mod types;
 mod values;
 
@@ -396,7 +396,7 @@ impl<'a> Lowerer<'a> {
         let has_workgroups = self.request.stage.has_workgroups();
         let quads = has_workgroups && self.derivative_group() == Some(true);
         let fragment = self.fragment_facts();
-        let capture = self.capture_facts()?;
+        let feedback = self.feedback_facts()?;
         let geometry = self.stage.emission.as_ref().map(|emission| emission.facts);
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
         let mut functions = vec![builder.finish(end)];
@@ -411,7 +411,7 @@ impl<'a> Lowerer<'a> {
             tessellation: self.stage.tessellation,
             geometry,
             mesh: self.stage.mesh,
-            capture,
+            feedback,
             fragment,
             local_size,
             quads,

@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use smallvec::SmallVec;
 
-use crate::heap::Table;
+use crate::descriptor_heap::Table;
 use crate::ir::op::DescriptorBinding;
 use crate::ir::{Value, VariableId};
 use crate::parse::Id;

@@ -4,7 +4,7 @@
 use rspirv::spirv::{BuiltIn, Capability, Decoration, Op, StorageClass};
 use shaders::compute::{Memory, compile, compile_as, dispatch};
 use shaders::request;
-use spirv_jit::heap::{HeapPlace, HeapSource, Mapping, Source, Word, resource};
+use spirv_jit::descriptor_heap::{HeapPlace, HeapSource, Mapping, Source, Word, resource};
 use spirv_jit::program::{CompileRequest, Stage};
 
 use crate::assembler::Assembler;

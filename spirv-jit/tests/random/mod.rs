@@ -64,7 +64,7 @@ pub fn random_module(seed: u64) -> Module {
         tessellation: None,
         geometry: None,
         mesh: None,
-        capture: None,
+        feedback: None,
         fragment: None,
         local_size: [1; 3],
         quads: false,

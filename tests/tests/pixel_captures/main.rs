@@ -188,7 +188,7 @@ fn a_ray_tells_what_it_met_and_why_not() {
         "t_min": 0.5, "t_max": 100.0, "flags": 0, "flag_names": [], "cull_mask": 15,
         "sbt_offset": 1, "sbt_stride": 2, "miss_index": 1, "record": 6,
         "payload_before": bits(&[2.0, 1.0]), "payload_after": bits(&[3.0, 12.0]),
-        "more_met": 0, "survey_is_cut": false,
+        "more_met": 0, "report_is_cut": false,
     });
     for (key, value) in expected.as_object().expect("an object") {
         assert_eq!(&outer[key], value, "{key} of {outer:#}");

@@ -216,12 +216,15 @@ pub fn walked_together(walker: &mut Walker, top: &Bytes, rays: &[Ray], fuel: u64
     });
     let rows: Vec<_> = with_neighbours.collect();
     for in_streams in [false, true] {
-        let decide = |_: &RayRows, flight: &mut Flight| {
-            let (found, built_in) = (flight.candidates().found, flight.candidates().built_in());
-            flight.accept(built_in);
-            let t = *flight.t_max();
-            let counts = flight.counts(found - built_in, &t);
-            flight.report(counts, &t, &[0; PACKET]);
+        let decide = |_: &RayRows, group_walk: &mut GroupWalk| {
+            let (found, built_in) = (
+                group_walk.candidates().found,
+                group_walk.candidates().built_in(),
+            );
+            group_walk.accept(built_in);
+            let t = *group_walk.t_max();
+            let counts = group_walk.counts(found - built_in, &t);
+            group_walk.report(counts, &t, &[0; PACKET]);
         };
         let mut groups =
             Groups::of_rows(rows.clone(), decide).with(|start| start.shows_first_hit = in_streams);

@@ -8,7 +8,7 @@ pub struct Groups<D> {
     pub rows: Vec<RayRows>,
     /// The rays of each group.
     pub starts: Vec<Start>,
-    pub flights: Vec<Flight>,
+    pub group_walks: Vec<GroupWalk>,
     /// By group and lane: candidates at which the ray waited.
     pub met: Vec<[Vec<Hit>; PACKET]>,
     /// Decides on the candidates of a group; what it says nothing about is ignored.
@@ -24,11 +24,11 @@ pub struct Groups<D> {
 pub struct OutOfFuel;
 
 /// There is nothing to decide on.
-pub fn undecided(_: &RayRows, _: &mut Flight) {
+pub fn undecided(_: &RayRows, _: &mut GroupWalk) {
     panic!("something is asked about");
 }
 
-impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
+impl<D: FnMut(&RayRows, &mut GroupWalk)> Groups<D> {
     /// Rays through one structure.
     pub fn new(top: &Bytes, rays: &[Ray], decide: D) -> Groups<D> {
         let groups = rays.chunks(PACKET).map(|rays| {
@@ -50,7 +50,7 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
             shows_order: false,
         };
         Groups {
-            flights: rows.iter().map(|_| Flight::default()).collect(),
+            group_walks: rows.iter().map(|_| GroupWalk::default()).collect(),
             met: rows.iter().map(|_| Default::default()).collect(),
             rows,
             starts: lanes.into_iter().map(start).collect(),
@@ -96,12 +96,12 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
     /// The hits of the first rays.
     pub fn found(&self, count: usize) -> Vec<Option<Hit>> {
         (0..count)
-            .map(|i| self.flights[i / PACKET].hits.get(i % PACKET))
+            .map(|i| self.group_walks[i / PACKET].hits.get(i % PACKET))
             .collect()
     }
 }
 
-impl<D: FnMut(&RayRows, &mut Flight)> Flights for Groups<D> {
+impl<D: FnMut(&RayRows, &mut GroupWalk)> GroupWalks for Groups<D> {
     type Stop = OutOfFuel;
 
     fn rays(&self, group: u32, rays: &mut RayRows) -> Start {
@@ -109,17 +109,17 @@ impl<D: FnMut(&RayRows, &mut Flight)> Flights for Groups<D> {
         self.starts[group as usize]
     }
 
-    fn flight(&mut self, group: u32) -> &mut Flight {
-        &mut self.flights[group as usize]
+    fn group_walk(&mut self, group: u32) -> &mut GroupWalk {
+        &mut self.group_walks[group as usize]
     }
 
     fn settled(&mut self, group: u32) -> Result<(), OutOfFuel> {
-        let flight = &mut self.flights[group as usize];
-        if !flight.candidates().found.is_empty() {
-            for lane in flight.candidates().found {
-                self.met[group as usize][lane].push(flight.candidates().hit(lane));
+        let group_walk = &mut self.group_walks[group as usize];
+        if !group_walk.candidates().found.is_empty() {
+            for lane in group_walk.candidates().found {
+                self.met[group as usize][lane].push(group_walk.candidates().hit(lane));
             }
-            (self.decide)(&self.rows[group as usize], flight);
+            (self.decide)(&self.rows[group as usize], group_walk);
             self.waiting.push(group);
         }
         Ok(())

@@ -6,12 +6,12 @@
 use lanes::LaneMask;
 
 use super::PACKET;
-use super::beams::ROW;
 use super::boxes::BoxLevel;
 use super::kernel::Kernel;
+use super::level_ray::{max, min};
+use super::level_rays::ROW;
 use super::rows::Lanes;
 use super::slabs::Slabs;
-use super::space::{max, min};
 use crate::layout::{NodeAt, WIDTH, child};
 
 /// Nodes and leaves after which rays walk by themselves.

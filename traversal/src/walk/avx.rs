@@ -3,7 +3,6 @@
 
 use std::arch::x86_64::*;
 
-use super::beams::{Beams, ROW};
 use super::block;
 use super::children::push_children;
 use super::entry::Entry;
@@ -11,11 +10,12 @@ use super::group;
 use super::group_hits::GroupHits;
 use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
+use super::level_ray::LevelRay;
+use super::level_rays::{LevelRays, ROW};
 use super::meter::{Meter, Unmetered};
 use super::opaque::{End, Nearest, Opaque, Pending};
-use super::sight::LaneOf;
 use super::slabs::Slabs;
-use super::space::Space;
+use super::triangle_ray::LaneOf;
 use super::{PACKET, Walk};
 use crate::layout::{Block, GROUP, MARGIN_RISE, NodeAt, TriangleGroup, WIDTH};
 
@@ -33,9 +33,9 @@ pub(crate) struct AvxShear {
     t_min: __m128,
 }
 
-/// The values of a ray that box tests need, in every lane; see [`Beams`].
+/// The values of a ray that box tests need, in every lane; see [`LevelRays`].
 #[derive(Clone, Copy)]
-pub(crate) struct AvxBeam {
+pub(crate) struct AvxRay {
     origin: [__m256; 3],
     far_origin: [__m256; 3],
     near_inverse: [__m256; 3],
@@ -46,50 +46,50 @@ pub(crate) struct AvxBeam {
 }
 
 impl<const WIDE: bool> Kernel for Avx<WIDE> {
-    type Beam = AvxBeam;
+    type BoxRay = AvxRay;
     type Shear = AvxShear;
     type Near = __m256;
 
     #[inline(always)]
-    unsafe fn load_space(space: &Space, t_far: f32) -> AvxBeam {
+    unsafe fn load_level_ray(level_ray: &LevelRay, t_far: f32) -> AvxRay {
         let three = |[x, y, z, _]: [f32; 4]| [x, y, z];
         // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
-            AvxBeam {
-                origin: eight(three(space.near_origin)),
-                far_origin: eight(three(space.far_origin)),
-                near_inverse: eight(three(space.near_inverse)),
-                far_inverse: eight(three(space.far_inverse)),
-                near_rows: [0, 1, 2].map(|axis| space.near_row(axis) * ROW as usize),
-                t_min: _mm256_set1_ps(space.t_min),
+            AvxRay {
+                origin: eight(three(level_ray.near_origin)),
+                far_origin: eight(three(level_ray.far_origin)),
+                near_inverse: eight(three(level_ray.near_inverse)),
+                far_inverse: eight(three(level_ray.far_inverse)),
+                near_rows: [0, 1, 2].map(|axis| level_ray.near_row(axis) * ROW as usize),
+                t_min: _mm256_set1_ps(level_ray.t_min),
                 t_far: _mm256_set1_ps(t_far),
             }
         }
     }
 
     #[inline(always)]
-    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> AvxBeam {
-        let row = |axis: usize| beams.near_rows[axis][lane] as usize;
+    unsafe fn load_lane(level_rays: &LevelRays, lane: usize, t_far: f32) -> AvxRay {
+        let row = |axis: usize| level_rays.near_rows[axis][lane] as usize;
         // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
-            AvxBeam {
-                origin: eight([0, 1, 2].map(|axis| beams.origin[axis][lane])),
-                far_origin: eight([0, 1, 2].map(|axis| beams.far_origin[axis][lane])),
-                near_inverse: eight([0, 1, 2].map(|axis| beams.near_inverse[axis][lane])),
-                far_inverse: eight([0, 1, 2].map(|axis| beams.far_inverse[axis][lane])),
+            AvxRay {
+                origin: eight([0, 1, 2].map(|axis| level_rays.origin[axis][lane])),
+                far_origin: eight([0, 1, 2].map(|axis| level_rays.far_origin[axis][lane])),
+                near_inverse: eight([0, 1, 2].map(|axis| level_rays.near_inverse[axis][lane])),
+                far_inverse: eight([0, 1, 2].map(|axis| level_rays.far_inverse[axis][lane])),
                 near_rows: [row(0), row(1), row(2)],
-                t_min: _mm256_set1_ps(beams.t_min[lane]),
+                t_min: _mm256_set1_ps(level_rays.t_min[lane]),
                 t_far: _mm256_set1_ps(t_far),
             }
         }
     }
 
     #[inline(always)]
-    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> AvxBeam {
+    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> AvxRay {
         let lane = lane % PACKET;
         // SAFETY: the caller guarantees that the machine has AVX.
         unsafe {
-            AvxBeam {
+            AvxRay {
                 origin: eight([0, 1, 2].map(|axis| slabs.near_origin[axis][lane])),
                 far_origin: eight([0, 1, 2].map(|axis| slabs.far_origin[axis][lane])),
                 near_inverse: eight([0, 1, 2].map(|axis| slabs.near_inverse[axis][lane])),
@@ -102,18 +102,21 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 
     #[inline(always)]
-    unsafe fn load_shear(space: &Space) -> AvxShear {
+    unsafe fn load_shear(level_ray: &LevelRay) -> AvxShear {
         // SAFETY: the caller guarantees that the machine has AVX; axes are below three.
         unsafe {
-            let [x, y, z] = space.flat_origin;
-            let [x_axis, y_axis, z_axis] = space.axes();
+            let [x, y, z] = level_ray.flat_origin;
+            let [x_axis, y_axis, z_axis] = level_ray.axes();
             let axis = size_of::<[f32; GROUP]>();
             AvxShear {
                 origin: [_mm_set1_ps(x), _mm_set1_ps(y), _mm_set1_ps(z)],
                 axes: [x_axis * axis, y_axis * axis, z_axis * axis],
-                shear: [_mm_set1_ps(space.shear[0]), _mm_set1_ps(space.shear[1])],
-                inverse_z: _mm_set1_ps(space.inverse_z),
-                t_min: _mm_set1_ps(space.t_min),
+                shear: [
+                    _mm_set1_ps(level_ray.shear[0]),
+                    _mm_set1_ps(level_ray.shear[1]),
+                ],
+                inverse_z: _mm_set1_ps(level_ray.inverse_z),
+                t_min: _mm_set1_ps(level_ray.t_min),
             }
         }
     }
@@ -163,38 +166,38 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 
     #[inline(always)]
-    unsafe fn shorten(beam: &mut AvxBeam, t_far: f32) {
+    unsafe fn shorten(box_ray: &mut AvxRay, t_far: f32) {
         // SAFETY: the caller guarantees that the machine has AVX.
-        beam.t_far = unsafe { _mm256_set1_ps(t_far) };
+        box_ray.t_far = unsafe { _mm256_set1_ps(t_far) };
     }
 
     #[inline(always)]
     unsafe fn intersect_node<const CLOSED: bool>(
-        beam: &AvxBeam,
+        box_ray: &AvxRay,
         node: NodeAt<'_>,
     ) -> (u32, __m256) {
         // SAFETY: the caller guarantees that the machine has AVX; nodes are aligned, and rows are
         // below six.
         unsafe {
             let base = node.bounds();
-            let (x_near, x_far) = planes::<CLOSED>(beam, base, 0);
-            let (y_near, y_far) = planes::<CLOSED>(beam, base, 1);
-            let (z_near, z_far) = planes::<CLOSED>(beam, base, 2);
+            let (x_near, x_far) = planes::<CLOSED>(box_ray, base, 0);
+            let (y_near, y_far) = planes::<CLOSED>(box_ray, base, 1);
+            let (z_near, z_far) = planes::<CLOSED>(box_ray, base, 2);
             if CLOSED {
-                // Operand order decides what NaN does: see `space::max`.
+                // Operand order decides what NaN does: see `level_ray::max`.
                 let near = _mm256_max_ps(
                     _mm256_max_ps(x_near, y_near),
-                    _mm256_max_ps(z_near, beam.t_min),
+                    _mm256_max_ps(z_near, box_ray.t_min),
                 );
                 let far = _mm256_min_ps(
                     _mm256_min_ps(x_far, y_far),
-                    _mm256_min_ps(z_far, beam.t_far),
+                    _mm256_min_ps(z_far, box_ray.t_far),
                 );
                 let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
                 return (mask as u32, near);
             }
-            let near = greater(greater(x_near, y_near), greater(z_near, beam.t_min));
-            let far = lesser(lesser(x_far, y_far), lesser(z_far, beam.t_far));
+            let near = greater(greater(x_near, y_near), greater(z_near, box_ray.t_min));
+            let far = lesser(lesser(x_far, y_far), lesser(z_far, box_ray.t_far));
             let [near_bits, far_bits] = [_mm256_castps_si256(near), _mm256_castps_si256(far)];
             let mask = if WIDE {
                 u32::from(_mm256_cmple_epi32_mask(near_bits, far_bits))
@@ -247,16 +250,16 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn intersect_leaf(
-        beams: &Beams,
+        level_rays: &LevelRays,
         lane: usize,
-        _: &AvxBeam,
+        _: &AvxRay,
         groups: [&TriangleGroup; 2],
         lanes: u32,
         interval: [f32; 2],
         found: &mut GroupHits,
     ) -> u32 {
         // SAFETY: the caller guarantees that the machine has the instruction set.
-        unsafe { group::intersect(LaneOf { beams, lane }, groups, lanes, interval, found) }
+        unsafe { group::intersect(LaneOf { level_rays, lane }, groups, lanes, interval, found) }
     }
 
     #[inline(always)]
@@ -345,29 +348,29 @@ unsafe fn push_all(mask: u32, node: NodeAt<'_>, place: *mut Entry) -> (u32, usiz
 /// the opposite sign.
 #[inline(always)]
 unsafe fn planes<const CLOSED: bool>(
-    beam: &AvxBeam,
+    box_ray: &AvxRay,
     base: *const u8,
     axis: usize,
 ) -> (__m256, __m256) {
     // SAFETY: the callers promise AVX; nodes are aligned, and rows are below six.
     unsafe {
-        let row = beam.near_rows[axis];
+        let row = box_ray.near_rows[axis];
         let near = _mm256_load_ps(base.add(row).cast());
         let far = _mm256_load_ps(base.add(row ^ ROW as usize).cast());
         let (enter, leave) = if CLOSED {
             (
-                _mm256_sub_ps(near, beam.origin[axis]),
-                _mm256_sub_ps(far, beam.far_origin[axis]),
+                _mm256_sub_ps(near, box_ray.origin[axis]),
+                _mm256_sub_ps(far, box_ray.far_origin[axis]),
             )
         } else {
             (
-                _mm256_sub_ps(beam.origin[axis], near),
-                _mm256_sub_ps(beam.far_origin[axis], far),
+                _mm256_sub_ps(box_ray.origin[axis], near),
+                _mm256_sub_ps(box_ray.far_origin[axis], far),
             )
         };
         (
-            _mm256_mul_ps(enter, beam.near_inverse[axis]),
-            _mm256_mul_ps(leave, beam.far_inverse[axis]),
+            _mm256_mul_ps(enter, box_ray.near_inverse[axis]),
+            _mm256_mul_ps(leave, box_ray.far_inverse[axis]),
         )
     }
 }

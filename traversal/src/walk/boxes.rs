@@ -8,12 +8,12 @@ use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 
-use super::beams::WorldRays;
 use super::children::{LARGE, fetch};
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::kernel::Kernel;
 use super::level::only_instance;
+use super::level_rays::WorldRays;
 use super::options::Specialisation;
 use super::portable::PortableKernel;
 use super::rows::{HitRows, RayRows};
@@ -235,7 +235,7 @@ unsafe fn go<K: Kernel>(
         stack,
         bottom,
         instance,
-        beams,
+        level_rays,
         ..
     } = walker;
     let ResumedRays {
@@ -243,7 +243,9 @@ unsafe fn go<K: Kernel>(
     } = task;
     if let Some((rays, record, common)) = &task.set_up {
         let world_rays = WorldRays::new(rays, decided.lanes);
-        suspended.slabs.set_up(beams, &world_rays, record, *common);
+        suspended
+            .slabs
+            .set_up(level_rays, &world_rays, record, *common);
     }
     let walked = decided.lanes & suspended.slabs.lanes;
     let way = BoxLevel {
@@ -280,10 +282,14 @@ unsafe fn go<K: Kernel>(
         let (t_far, floor) = (walk.hit.t, (walk.floor as usize).min(length));
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let (event, candidate) = unsafe {
-            let beam = K::load_slabs(slabs, lane, t_far);
+            let box_ray = K::load_slabs(slabs, lane, t_far);
             match any {
-                true => way.next::<K, true>(&beam, t_far, stack, (floor, &mut length), &mut left),
-                false => way.next::<K, false>(&beam, t_far, stack, (floor, &mut length), &mut left),
+                true => {
+                    way.next::<K, true>(&box_ray, t_far, stack, (floor, &mut length), &mut left)
+                }
+                false => {
+                    way.next::<K, false>(&box_ray, t_far, stack, (floor, &mut length), &mut left)
+                }
             }
         };
         if event == Event::Done {
@@ -330,7 +336,7 @@ impl BoxLevel<'_> {
     #[inline(always)]
     unsafe fn next<K: Kernel, const ANY: bool>(
         &self,
-        beam: &K::Beam,
+        box_ray: &K::BoxRay,
         t_far: f32,
         stack: &mut [Entry; STACK],
         (floor, length): (usize, &mut usize),
@@ -363,7 +369,7 @@ impl BoxLevel<'_> {
                     continue 'next;
                 }
                 // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-                let (mask, near) = unsafe { K::intersect_node::<true>(beam, node) };
+                let (mask, near) = unsafe { K::intersect_node::<true>(box_ray, node) };
                 if mask == 0 {
                     continue 'next;
                 }

@@ -32,7 +32,7 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
         bottom,
         instance,
         hits,
-        beams,
+        level_rays,
         ..
     } = walker;
     let mut in_bottom = true;
@@ -91,21 +91,21 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
 
     let event = 'level: loop {
         let level: &Level = if in_bottom { bottom } else { top };
-        let space = &level.space;
+        let level_ray = &level.ray;
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
         let is_triangles = level.structure.kind() == Kind::Triangles;
         let all_opaque = in_bottom
             && is_triangles
             && instance.all_opaque
-            && space.scale == 1.0
+            && level_ray.scale == 1.0
             && !without.contains(Specialisation::Opaque);
         if all_opaque {
-            beams.set(0, space);
+            level_rays.set(0, level_ray);
             let way = Opaque {
                 structure: &level.structure,
                 instance,
-                beams,
+                level_rays,
                 lane: 0,
                 committed: walk.committed(),
                 fetches_ahead: fetch_ahead,
@@ -140,9 +140,9 @@ pub(crate) unsafe fn run<K: Kernel, M: Meter, const ANY: bool>(
             floor = 0;
             continue 'level;
         }
-        let mut t_far = space.scaled_up(walk.hit.t);
+        let mut t_far = level_ray.scaled_up(walk.hit.t);
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        let mut ray = unsafe { K::load_space(space, t_far) };
+        let mut ray = unsafe { K::load_level_ray(level_ray, t_far) };
 
         let entered = 'next: loop {
             // The nearest pending child that is still near enough.

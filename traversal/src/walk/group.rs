@@ -12,8 +12,8 @@ use std::arch::x86_64::*;
 use super::edge_side;
 use super::edge_side::Rim;
 use super::group_hits::GroupHits;
-use super::sight::Sight;
 use super::triangle::{Intersection, ORDINARY, ROOM, rounding};
+use super::triangle_ray::TriangleRay;
 use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup};
 
 /// Bytes from one vertex to the next.
@@ -25,7 +25,7 @@ const VERTEX: usize = size_of::<[[f32; GROUP]; 3]>();
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-pub(crate) unsafe fn intersect<S: Sight>(
+pub(crate) unsafe fn intersect<S: TriangleRay>(
     ray: S,
     groups: [&TriangleGroup; 2],
     lanes: u32,
@@ -93,7 +93,7 @@ pub(crate) unsafe fn intersect<S: Sight>(
 #[cold]
 #[inline(never)]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-unsafe fn decide_rest<S: Sight>(
+unsafe fn decide_rest<S: TriangleRay>(
     ray: S,
     groups: [&TriangleGroup; 2],
     lanes: u32,
@@ -165,7 +165,7 @@ struct Rest {
 
 impl Rest {
     /// Rays near edges and vertices, and numbers out of all proportion.
-    fn decide<S: Sight>(
+    fn decide<S: TriangleRay>(
         &self,
         found: &mut GroupHits,
         ray: S,
@@ -229,7 +229,7 @@ impl Sides {
     /// # Safety
     /// The machine has AVX2.
     #[inline(always)]
-    unsafe fn new<S: Sight>(ray: S, groups: [&TriangleGroup; 2]) -> Sides {
+    unsafe fn new<S: TriangleRay>(ray: S, groups: [&TriangleGroup; 2]) -> Sides {
         // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let vertices = groups.map(|group| group.vertices.as_ptr().cast::<u8>());
@@ -350,7 +350,7 @@ impl ScaledHit {
     /// # Safety
     /// The machine has AVX2.
     #[inline(always)]
-    unsafe fn is_within<S: Sight>(&self, ray: S, z_error: __m256) -> __m256 {
+    unsafe fn is_within<S: TriangleRay>(&self, ray: S, z_error: __m256) -> __m256 {
         // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let limit = _mm256_mul_ps(_mm256_set1_ps(ray.tolerance()), absolute(self.z));
@@ -363,7 +363,7 @@ impl ScaledHit {
     /// # Safety
     /// The machine has AVX2.
     #[inline(always)]
-    unsafe fn errors<S: Sight>(&self, ray: S, sides: &Sides) -> [__m256; 2] {
+    unsafe fn errors<S: TriangleRay>(&self, ray: S, sides: &Sides) -> [__m256; 2] {
         // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let [a, b, c] = &sides.vertices;
@@ -412,7 +412,7 @@ impl ScaledHit {
     /// # Safety
     /// The machine has AVX2.
     #[inline(always)]
-    unsafe fn rough_errors<S: Sight>(&self, ray: S, boxes: &TriangleBounds) -> [__m256; 2] {
+    unsafe fn rough_errors<S: TriangleRay>(&self, ray: S, boxes: &TriangleBounds) -> [__m256; 2] {
         // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
             let shear_x = _mm256_set1_ps(ray.shear(0).abs());
@@ -468,7 +468,7 @@ impl ScaledHit {
 struct TriangleBounds {
     /// By the axes of the ray.
     sides: [__m256; 3],
-    /// Where the ray is inside them; see [`Space::slab`](super::space::Space::slab).
+    /// Where the ray is inside them; see [`LevelRay::slab`](super::level_ray::LevelRay::slab).
     near: __m256,
     far: __m256,
 }
@@ -481,7 +481,7 @@ impl TriangleBounds {
     /// # Safety
     /// The machine has AVX2.
     #[inline(always)]
-    unsafe fn new<S: Sight>(ray: S, sides: &Sides) -> TriangleBounds {
+    unsafe fn new<S: TriangleRay>(ray: S, sides: &Sides) -> TriangleBounds {
         let [a, b, c] = &sides.vertices;
         // SAFETY: the caller guarantees that the machine has AVX2.
         unsafe {
@@ -580,7 +580,12 @@ struct ShearedVertex {
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-unsafe fn apart<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize, axis: usize) -> __m256 {
+unsafe fn apart<S: TriangleRay>(
+    ray: S,
+    vertices: [*const u8; 2],
+    offset: usize,
+    axis: usize,
+) -> __m256 {
     // SAFETY: the caller guarantees that the machine has AVX2; axes are below three, and a vertex
     // has three rows.
     unsafe {
@@ -595,7 +600,7 @@ unsafe fn apart<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize, axis:
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> ShearedVertex {
+unsafe fn flat<S: TriangleRay>(ray: S, vertices: [*const u8; 2], offset: usize) -> ShearedVertex {
     // SAFETY: the caller guarantees that the machine has AVX2.
     unsafe {
         let x = apart(ray, vertices, offset, 0);
@@ -620,17 +625,20 @@ unsafe fn edge(p: ShearedVertex, q: ShearedVertex) -> __m256 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::walk::beams::Beams;
     use crate::walk::edge_side::tests::{KINDS, Random, case, count};
-    use crate::walk::sight::LaneOf;
-    use crate::walk::space::Space;
+    use crate::walk::level_ray::LevelRay;
+    use crate::walk::level_rays::LevelRays;
+    use crate::walk::triangle_ray::LaneOf;
     use lanes::Tier;
 
     /// Bounds of a ray and a group: where edges are decided and rough bounds small, those are no
     /// less than the others. How often that is.
     #[target_feature(enable = "avx2,bmi1,bmi2")]
-    fn compare(beams: &Beams, group: &TriangleGroup) -> usize {
-        let ray = LaneOf { beams, lane: 0 };
+    fn compare(level_rays: &LevelRays, group: &TriangleGroup) -> usize {
+        let ray = LaneOf {
+            level_rays,
+            lane: 0,
+        };
         let rows = |v: __m256| -> [f32; LEAF_TRIANGLES] {
             let mut row = [0.0; LEAF_TRIANGLES];
             // SAFETY: eight numbers.
@@ -696,18 +704,18 @@ mod tests {
                     (case.origin, case.direction, case.triangle)
                 }
             };
-            let mut space = Space::EMPTY;
-            space.set(origin, direction, 0.0, 0.0);
-            if space.scale != 1.0 || direction == [0.0; 3] {
+            let mut level_ray = LevelRay::EMPTY;
+            level_ray.set(origin, direction, 0.0, 0.0);
+            if level_ray.scale != 1.0 || direction == [0.0; 3] {
                 continue;
             }
-            let mut beams = Beams::EMPTY;
-            beams.set(0, &space);
+            let mut level_rays = LevelRays::EMPTY;
+            level_rays.set(0, &level_ray);
             let mut group = TriangleGroup::EMPTY;
             group.set_triangle(0, &triangle);
             group.margin = Margin::of(&triangle);
             // SAFETY: the machine has these features.
-            compared += unsafe { compare(&beams, &group) };
+            compared += unsafe { compare(&level_rays, &group) };
         }
         println!("{compared} compared");
         assert!(compared > count() / 8);

@@ -1,7 +1,7 @@
 //! Where a ray meets the triangles of a leaf.
 
 use super::edge_side::Rim;
-use super::space::Space;
+use super::level_ray::LevelRay;
 use super::triangle::{Intersection, intersect};
 use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup};
 
@@ -35,7 +35,7 @@ impl GroupHits {
     #[inline(always)]
     pub fn intersect_each(
         &mut self,
-        space: &Space,
+        level_ray: &LevelRay,
         groups: [&TriangleGroup; 2],
         mask: u32,
         [t_min, t_far]: [f32; 2],
@@ -46,7 +46,7 @@ impl GroupHits {
             let lane = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
             rest &= rest - 1;
             let triangle = groups[lane / GROUP].triangle(lane % GROUP);
-            if let Some(hit) = intersect(space, &triangle, Rim::Included)
+            if let Some(hit) = intersect(level_ray, &triangle, Rim::Included)
                 && t_min < hit.t
                 && hit.t <= t_far
             {

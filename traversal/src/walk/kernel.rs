@@ -1,14 +1,14 @@
 //! The two tests of the inner loop, one set for each instruction set. All give the same bits.
 
 use super::Walk;
-use super::beams::Beams;
 use super::entry::Entry;
 use super::group_hits::GroupHits;
 use super::leaf::{Leaf, Triangles};
+use super::level_ray::LevelRay;
+use super::level_rays::LevelRays;
 use super::meter::Meter;
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::slabs::Slabs;
-use super::space::Space;
 use crate::layout::{Block, NodeAt, TriangleGroup, WIDTH};
 
 /// Inner tests with one instruction set.
@@ -16,7 +16,7 @@ use crate::layout::{Block, NodeAt, TriangleGroup, WIDTH};
 /// Methods are inlined into a function that has the instruction set enabled.
 pub(crate) trait Kernel {
     /// A ray and where its interval ends, ready for tests of boxes.
-    type Beam: Copy;
+    type BoxRay: Copy;
     /// A ray, ready for tests of triangles.
     type Shear: Copy;
     /// Where a ray enters the boxes of a node.
@@ -26,25 +26,25 @@ pub(crate) trait Kernel {
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn load_space(space: &Space, t_far: f32) -> Self::Beam;
+    unsafe fn load_level_ray(level_ray: &LevelRay, t_far: f32) -> Self::BoxRay;
 
     /// The same for a ray of a list.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> Self::Beam;
+    unsafe fn load_lane(level_rays: &LevelRays, lane: usize, t_far: f32) -> Self::BoxRay;
 
     /// The same for a ray of a group in a bottom level of boxes.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> Self::Beam;
+    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> Self::BoxRay;
 
     /// Prepares a ray for triangles.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn load_shear(space: &Space) -> Self::Shear;
+    unsafe fn load_shear(level_ray: &LevelRay) -> Self::Shear;
 
     /// Which lanes [`intersect`](super::triangle::intersect) might report in `[t_min, t_far]`:
     /// none of those that it would is missing.
@@ -57,17 +57,17 @@ pub(crate) trait Kernel {
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn shorten(beam: &mut Self::Beam, t_far: f32);
+    unsafe fn shorten(box_ray: &mut Self::BoxRay, t_far: f32);
 
     /// Which children's boxes the ray meets in its interval, as bits, and where it enters all
-    /// eight. `CLOSED`: for a ray of [`Self::load_space`] or of
-    /// [`Self::load_slabs`]. One of [`Self::load_beam`] may miss
+    /// eight. `CLOSED`: for a ray of [`Self::load_level_ray`] or of
+    /// [`Self::load_slabs`]. One of [`Self::load_lane`] may miss
     /// boxes that it leaves where it starts, since its interval is open.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn intersect_node<const CLOSED: bool>(
-        beam: &Self::Beam,
+        box_ray: &Self::BoxRay,
         node: NodeAt<'_>,
     ) -> (u32, Self::Near);
 
@@ -104,9 +104,9 @@ pub(crate) trait Kernel {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn intersect_leaf(
-        beams: &Beams,
+        level_rays: &LevelRays,
         lane: usize,
-        beam: &Self::Beam,
+        box_ray: &Self::BoxRay,
         groups: [&TriangleGroup; 2],
         lanes: u32,
         interval: [f32; 2],

@@ -1,7 +1,7 @@
 //! Entering a structure: the ray in its space.
 
 use super::facts::InstanceFacts;
-use super::space::Space;
+use super::level_ray::LevelRay;
 use crate::layout::{Header, child, instance_state};
 use crate::live::{Live, Range};
 use crate::ray::{Ray, ray_flags};
@@ -50,7 +50,7 @@ impl Entered {
 #[derive(Clone)]
 pub(crate) struct Level {
     pub structure: Structure,
-    pub space: Space,
+    pub ray: LevelRay,
     /// Where the structure is, and the copy of its header that was checked.
     address: u64,
     header: Header,
@@ -63,7 +63,7 @@ impl Level {
     /// A level with nothing in it, to be entered.
     pub const EMPTY: Level = Level {
         structure: Structure::EMPTY,
-        space: Space::EMPTY,
+        ray: LevelRay::EMPTY,
         address: 0,
         header: Header::NONE,
         live: Live::EVERYWHERE,
@@ -124,7 +124,7 @@ impl Level {
     pub fn set_up_top(&mut self, ray: &Ray) {
         let reach = ray.origin.iter().fold(0f32, |most, c| most.max(c.abs()));
         let uncertainty = self.structure.origin_error() * reach;
-        self.space
+        self.ray
             .set(ray.origin, ray.direction, ray.t_min, uncertainty);
     }
 
@@ -188,7 +188,7 @@ impl Level {
             return false;
         };
         if record.words.state & instance_state::IDENTITY != 0 {
-            self.space.set(ray.origin, ray.direction, ray.t_min, 0.0);
+            self.ray.set(ray.origin, ray.direction, ray.t_min, 0.0);
             return true;
         }
         let moved;
@@ -208,7 +208,7 @@ impl Level {
             ray.origin[2] - to_world[11],
         ];
         let (origin, direction) = (turn(to_object, &from), turn(to_object, &ray.direction));
-        self.space.set(origin, direction, ray.t_min, 0.0);
+        self.ray.set(origin, direction, ray.t_min, 0.0);
         true
     }
 }

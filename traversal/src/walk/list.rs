@@ -4,12 +4,12 @@ use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 
-use super::beams::WorldRays;
 use super::children::LARGE;
 use super::entry::Entry;
 use super::facts::InstanceFacts;
 use super::kernel::Kernel;
 use super::level::{Entered, Level, only_instance};
+use super::level_rays::WorldRays;
 use super::meter::{Meter, Unmetered};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
@@ -181,7 +181,7 @@ impl<M: Meter> Turns<'_, '_, M> {
             bottom,
             instance,
             hits: found,
-            beams,
+            level_rays,
             ..
         } = walker;
         let rays = self.rays;
@@ -193,7 +193,7 @@ impl<M: Meter> Turns<'_, '_, M> {
             return LaneMask::NONE;
         };
         let alike = rays.alike(first, self.lanes);
-        let sound = beams.set_up(&WorldRays::new(rays, alike), &record);
+        let sound = level_rays.set_up(&WorldRays::new(rays, alike), &record);
         let fetches_ahead =
             bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
         let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
@@ -201,7 +201,7 @@ impl<M: Meter> Turns<'_, '_, M> {
             let way = Opaque {
                 structure: &bottom.structure,
                 instance,
-                beams,
+                level_rays,
                 lane,
                 committed: None,
                 fetches_ahead,

@@ -4,7 +4,7 @@
 use super::edge_side::Rim;
 use super::facts::InstanceFacts;
 use super::level::Level;
-use super::space::Space;
+use super::level_ray::LevelRay;
 use super::triangle::{Intersection, intersect};
 use crate::layout::geometry_word;
 use crate::micromap::{TriangleOpacity, TriangleStates};
@@ -68,13 +68,13 @@ pub(crate) fn opacity_at(
 #[inline(never)]
 pub(crate) fn intersect_micromap(
     level: &Level,
-    space: &Space,
+    level_ray: &LevelRay,
     instance: &InstanceFacts,
     triangle: &[[f32; 3]; 3],
     geometry: u32,
     primitive: u32,
 ) -> Option<(bool, Intersection)> {
-    let found = intersect(space, triangle, Rim::Included)?;
+    let found = intersect(level_ray, triangle, Rim::Included)?;
     let opaque = match Seen::of(level, instance, geometry, primitive) {
         Seen::Not => return None,
         Seen::Opaque => true,
@@ -84,5 +84,5 @@ pub(crate) fn intersect_micromap(
     if opaque {
         return Some((true, found));
     }
-    Some((false, intersect(space, triangle, Rim::Owned)?))
+    Some((false, intersect(level_ray, triangle, Rim::Owned)?))
 }

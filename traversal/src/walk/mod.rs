@@ -25,7 +25,6 @@
 mod any_box;
 #[cfg(target_arch = "x86_64")]
 mod avx;
-mod beams;
 #[cfg(target_arch = "x86_64")]
 mod block;
 mod boxes;
@@ -35,14 +34,16 @@ mod edge_side;
 mod entry;
 mod expansion;
 pub(crate) mod facts;
-mod flights;
 mod found;
 #[cfg(target_arch = "x86_64")]
 mod group;
 mod group_hits;
+mod group_walks;
 mod kernel;
 mod leaf;
 pub(crate) mod level;
+mod level_ray;
+mod level_rays;
 mod list;
 pub(crate) mod meter;
 mod micromap;
@@ -54,10 +55,7 @@ mod portable;
 mod probe;
 mod rows;
 mod run;
-#[cfg(target_arch = "x86_64")]
-mod sight;
 mod slabs;
-mod space;
 #[cfg(target_arch = "x86_64")]
 mod stream;
 mod streaming;
@@ -65,18 +63,20 @@ mod suspended;
 mod swept_sphere;
 mod test_leaf;
 mod triangle;
+#[cfg(target_arch = "x86_64")]
+mod triangle_ray;
 mod walk_opaque;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 use entry::Entry;
-pub use flights::{Flight, Flights, Start};
+pub use group_walks::{GroupWalk, GroupWalks, Start};
 use level::Entered;
+use level_ray::MODEST;
 use meter::Meter;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
-use space::MODEST;
 pub use walker::{Counts, Walker};
 
 /// Rays that [`Walker::trace`] takes, at most.

@@ -29,7 +29,7 @@ pub(crate) fn test_leaf(
     if walk.commit(hit) {
         return Leaf::Over;
     }
-    *t_far = level.space.scaled_up(hit.t);
+    *t_far = level.ray.scaled_up(hit.t);
     Leaf::Finished
 }
 
@@ -44,7 +44,7 @@ fn intersect_moving(
     let (opaque, found) = if instance.uses_micromap(entry.geometry) {
         micromap::intersect_micromap(
             level,
-            &level.space,
+            &level.ray,
             instance,
             &triangle,
             entry.geometry,
@@ -53,7 +53,7 @@ fn intersect_moving(
     } else {
         let opaque = instance.opacity(entry.geometry)?;
         let rim = if opaque { Rim::Included } else { Rim::Owned };
-        (opaque, intersect(&level.space, &triangle, rim)?)
+        (opaque, intersect(&level.ray, &triangle, rim)?)
     };
     let front = instance.facing(found.front)?;
     let hit = Hit {

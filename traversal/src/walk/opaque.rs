@@ -1,9 +1,9 @@
 //! Walks through triangles that all count: opaque, not culled, in a space that is not scaled.
 //! Nothing there suspends a walk but want of fuel, so the loop is small.
 
-use super::beams::Beams;
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
+use super::level_rays::LevelRays;
 use crate::ray::Hit;
 use crate::structure::Structure;
 
@@ -28,7 +28,7 @@ pub(crate) struct Pending<'a> {
 pub(crate) struct Opaque<'a> {
     pub structure: &'a Structure,
     pub instance: &'a InstanceFacts,
-    pub beams: &'a Beams,
+    pub level_rays: &'a LevelRays,
     pub lane: usize,
     /// The hit so far.
     pub committed: Option<&'a Hit>,

@@ -1,57 +1,57 @@
 //! The inner tests in plain Rust.
 
 use super::Walk;
-use super::beams::{Beams, ROW};
 use super::children::push_children;
 use super::entry::Entry;
 use super::group_hits::GroupHits;
 use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
+use super::level_ray::{LevelRay, max, min};
+use super::level_rays::{LevelRays, ROW};
 use super::meter::{Meter, Unmetered};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::slabs::Slabs;
-use super::space::{Space, max, min};
 use crate::layout::{Block, GROUP, NodeAt, TriangleGroup, WIDTH};
 
 /// Plain Rust, which compilers vectorise as far as the target allows.
 pub(crate) struct PortableKernel;
 
 impl Kernel for PortableKernel {
-    type Beam = (Space, f32);
-    type Shear = Space;
+    type BoxRay = (LevelRay, f32);
+    type Shear = LevelRay;
     type Near = [f32; WIDTH];
 
     #[inline(always)]
-    unsafe fn load_space(space: &Space, t_far: f32) -> (Space, f32) {
-        (*space, t_far)
+    unsafe fn load_level_ray(level_ray: &LevelRay, t_far: f32) -> (LevelRay, f32) {
+        (*level_ray, t_far)
     }
 
     #[inline(always)]
-    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> (Space, f32) {
-        (beams.space(lane), t_far)
+    unsafe fn load_lane(level_rays: &LevelRays, lane: usize, t_far: f32) -> (LevelRay, f32) {
+        (level_rays.of_lane(lane), t_far)
     }
 
     #[inline(always)]
-    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> (Space, f32) {
-        let mut space = Space::EMPTY;
+    unsafe fn load_slabs(slabs: &Slabs, lane: usize, t_far: f32) -> (LevelRay, f32) {
+        let mut level_ray = LevelRay::EMPTY;
         for axis in 0..3 {
-            space.near_origin[axis] = slabs.near_origin[axis][lane];
-            space.far_origin[axis] = slabs.far_origin[axis][lane];
-            space.near_inverse[axis] = slabs.near_inverse[axis][lane];
-            space.far_inverse[axis] = slabs.far_inverse[axis][lane];
-            space.signs[axis] = -i32::from(slabs.near_rows[axis][lane] & ROW != 0);
+            level_ray.near_origin[axis] = slabs.near_origin[axis][lane];
+            level_ray.far_origin[axis] = slabs.far_origin[axis][lane];
+            level_ray.near_inverse[axis] = slabs.near_inverse[axis][lane];
+            level_ray.far_inverse[axis] = slabs.far_inverse[axis][lane];
+            level_ray.signs[axis] = -i32::from(slabs.near_rows[axis][lane] & ROW != 0);
         }
-        space.t_min = slabs.t_min[lane];
-        (space, t_far)
+        level_ray.t_min = slabs.t_min[lane];
+        (level_ray, t_far)
     }
 
     #[inline(always)]
-    unsafe fn load_shear(space: &Space) -> Space {
-        *space
+    unsafe fn load_shear(level_ray: &LevelRay) -> LevelRay {
+        *level_ray
     }
 
     #[inline(always)]
-    unsafe fn test_group(ray: &Space, group: &TriangleGroup, t_far: f32) -> u32 {
+    unsafe fn test_group(ray: &LevelRay, group: &TriangleGroup, t_far: f32) -> u32 {
         let [x_axis, y_axis, z_axis] = ray.axes();
         let mut flat = [[[0f32; GROUP]; 2]; 3];
         let mut t = [[0f32; GROUP]; 3];
@@ -86,13 +86,13 @@ impl Kernel for PortableKernel {
     }
 
     #[inline(always)]
-    unsafe fn shorten(beam: &mut (Space, f32), t_far: f32) {
-        beam.1 = t_far;
+    unsafe fn shorten(box_ray: &mut (LevelRay, f32), t_far: f32) {
+        box_ray.1 = t_far;
     }
 
     #[inline(always)]
     unsafe fn intersect_node<const CLOSED: bool>(
-        (ray, t_far): &(Space, f32),
+        (ray, t_far): &(LevelRay, f32),
         node: NodeAt<'_>,
     ) -> (u32, [f32; WIDTH]) {
         let (mut near, mut far) = ([0.0; WIDTH], [0.0; WIDTH]);
@@ -138,9 +138,9 @@ impl Kernel for PortableKernel {
 
     #[inline(always)]
     unsafe fn intersect_leaf(
-        _: &Beams,
+        _: &LevelRays,
         _: usize,
-        (space, _): &(Space, f32),
+        (level_ray, _): &(LevelRay, f32),
         groups: [&TriangleGroup; 2],
         lanes: u32,
         interval: [f32; 2],
@@ -149,10 +149,10 @@ impl Kernel for PortableKernel {
         let mut mask = 0;
         for (i, group) in groups.into_iter().enumerate() {
             // SAFETY: every machine has plain Rust.
-            mask |= unsafe { PortableKernel::test_group(space, group, interval[1]) & 0xF }
+            mask |= unsafe { PortableKernel::test_group(level_ray, group, interval[1]) & 0xF }
                 << (GROUP * i);
         }
-        found.intersect_each(space, groups, mask & lanes, interval)
+        found.intersect_each(level_ray, groups, mask & lanes, interval)
     }
 
     #[inline(never)]

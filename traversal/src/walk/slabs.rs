@@ -1,13 +1,13 @@
 //! The rays of a group in a bottom level of boxes: set up at once, as
-//! [`Space`](super::space::Space) sets up each for tests of boxes, and kept while they wait for
-//! decisions.
+//! [`LevelRay`](super::level_ray::LevelRay) sets up each for tests of boxes, and kept while they
+//! wait for decisions.
 
 use lanes::LaneMask;
 
 use super::PACKET;
-use super::beams::{Beams, ROW, WorldRays};
+use super::level_ray::{MARGIN, MODEST, max};
+use super::level_rays::{LevelRays, ROW, WorldRays};
 use super::rows::{Lanes, Words};
-use super::space::{MARGIN, MODEST, max};
 use crate::layout::InstanceRecord;
 use crate::ray::Ray;
 
@@ -39,7 +39,7 @@ impl Common {
     }
 }
 
-/// Rays by rows; the fields of [`Space`](super::space::Space) that tests of boxes need.
+/// Rays by rows; the fields of [`LevelRay`](super::level_ray::LevelRay) that tests of boxes need.
 #[repr(C, align(64))]
 pub(crate) struct Slabs {
     pub near_origin: [Lanes; 3],
@@ -72,13 +72,13 @@ impl Slabs {
     #[inline(always)]
     pub fn set_up(
         &mut self,
-        beams: &mut Beams,
+        level_rays: &mut LevelRays,
         world_rays: &WorldRays,
         record: &InstanceRecord,
         common: Common,
     ) {
-        beams.start_instance(world_rays, record);
-        let (o, d) = (&beams.space_origin, &beams.space_direction);
+        level_rays.start_instance(world_rays, record);
+        let (o, d) = (&level_rays.space_origin, &level_rays.space_direction);
         let mut sound = world_rays.sound;
         for i in 0..PACKET {
             let length = max(d[0][i].abs(), max(d[1][i].abs(), d[2][i].abs()));

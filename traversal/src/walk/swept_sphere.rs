@@ -158,8 +158,8 @@ pub(crate) fn test_leaf(
     let Some(opaque) = instance.opacity(entry.geometry) else {
         return Leaf::Finished;
     };
-    let [x, y, z, _] = level.space.origin;
-    let [dx, dy, dz, _] = level.space.direction;
+    let [x, y, z, _] = level.ray.origin;
+    let [dx, dy, dz, _] = level.ray.direction;
     let Some(meeting) = intersect([x, y, z], [dx, dy, dz], &entry) else {
         return Leaf::Finished;
     };
@@ -193,7 +193,7 @@ pub(crate) fn test_leaf(
     if walk.commit(hit) {
         return Leaf::Over;
     }
-    *t_far = level.space.scaled_up(hit.t);
+    *t_far = level.ray.scaled_up(hit.t);
     Leaf::Finished
 }
 

@@ -65,7 +65,7 @@ pub(crate) unsafe fn finish<K: Kernel>(
     if level.structure.kind() != Kind::Triangles {
         return Leaf::Finished;
     }
-    let mut t_far = level.space.scaled_up(walk.hit.t);
+    let mut t_far = level.ray.scaled_up(walk.hit.t);
     let leaf = Triangles {
         level,
         instance,
@@ -84,7 +84,7 @@ impl Triangles<'_> {
     #[inline(always)]
     pub unsafe fn test<K: Kernel>(&self, walk: &mut Walk, t_far: &mut f32) -> Leaf {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        let ray = unsafe { K::load_shear(&self.level.space) };
+        let ray = unsafe { K::load_shear(&self.level.ray) };
         let index = self.word & child::INDEX;
         let structure = &self.level.structure;
         let first_slot = structure.first_slot(index);
@@ -119,7 +119,7 @@ impl Triangles<'_> {
                 if walk.commit(hit) {
                     return Leaf::Over;
                 }
-                *t_far = self.level.space.scaled_up(hit.t);
+                *t_far = self.level.ray.scaled_up(hit.t);
             }
         }
         Leaf::Finished
@@ -134,7 +134,7 @@ impl Triangles<'_> {
             let (triangle, primitive) = (group.triangle(lane), group.primitives[lane]);
             micromap::intersect_micromap(
                 self.level,
-                &self.level.space,
+                &self.level.ray,
                 self.instance,
                 &triangle,
                 geometry,
@@ -145,7 +145,7 @@ impl Triangles<'_> {
             let rim = if opaque { Rim::Included } else { Rim::Owned };
             (
                 opaque,
-                intersect(&self.level.space, &group.triangle(lane), rim)?,
+                intersect(&self.level.ray, &group.triangle(lane), rim)?,
             )
         };
         let front = self.instance.facing(found.front)?;

@@ -14,7 +14,7 @@
 //! belong to one triangle: see [`edge_side`](super::edge_side).
 
 use super::edge_side::{self, Rim};
-use super::space::Space;
+use super::level_ray::LevelRay;
 use crate::layout::{Bounds, Margin};
 
 /// Where a ray meets a triangle.
@@ -100,18 +100,18 @@ pub(crate) struct ShearedTriangle {
 
 impl ShearedTriangle {
     #[inline(always)]
-    pub fn new(space: &Space, triangle: &[[f32; 3]; 3]) -> ShearedTriangle {
-        let [x_axis, y_axis, z_axis] = space.axes();
+    pub fn new(level_ray: &LevelRay, triangle: &[[f32; 3]; 3]) -> ShearedTriangle {
+        let [x_axis, y_axis, z_axis] = level_ray.axes();
         let mut flat = ShearedTriangle {
             x: [0.0; 3],
             y: [0.0; 3],
             z: [0.0; 3],
         };
         for i in 0..3 {
-            let moved = |axis: usize| triangle[i][axis] - space.origin[axis];
+            let moved = |axis: usize| triangle[i][axis] - level_ray.origin[axis];
             let z = moved(z_axis);
-            flat.x[i] = moved(x_axis) - space.shear[0] * z;
-            flat.y[i] = moved(y_axis) - space.shear[1] * z;
+            flat.x[i] = moved(x_axis) - level_ray.shear[0] * z;
+            flat.y[i] = moved(y_axis) - level_ray.shear[1] * z;
             flat.z[i] = z;
         }
         flat
@@ -125,8 +125,12 @@ impl ShearedTriangle {
 
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
-pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
-    let flat = ShearedTriangle::new(space, triangle);
+pub(crate) fn intersect(
+    level_ray: &LevelRay,
+    triangle: &[[f32; 3]; 3],
+    rim: Rim,
+) -> Option<Intersection> {
+    let flat = ShearedTriangle::new(level_ray, triangle);
     let edges = [flat.edge(2, 1), flat.edge(0, 2), flat.edge(1, 0)];
     let [u, v, w] = edges;
     let error = Margin::of(triangle).error(flat.z[0].abs());
@@ -138,16 +142,16 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
     let ordinary = ORDINARY[0] < whole.abs() && whole.abs() < ORDINARY[1];
     let front = least > error;
     if !(ordinary && (front || most < -error)) {
-        return intersect_exactly(space, triangle, &flat, edges, rim);
+        return intersect_exactly(level_ray, triangle, &flat, edges, rim);
     }
-    match estimate_hit(space, &flat, edges) {
+    match estimate_hit(level_ray, &flat, edges) {
         HitEstimate::At(t, barycentrics) => Some(Intersection {
-            t: t_in_slab(space, triangle, t),
+            t: t_in_slab(level_ray, triangle, t),
             barycentrics,
             front,
         }),
         HitEstimate::Behind => None,
-        HitEstimate::Uncertain => intersect_unrounded(space, triangle, rim),
+        HitEstimate::Uncertain => intersect_unrounded(level_ray, triangle, rim),
     }
 }
 
@@ -162,8 +166,8 @@ enum HitEstimate {
 
 /// Where a triangle is hit whose edge functions have one sign and a sum of ordinary size.
 #[inline(always)]
-fn estimate_hit(space: &Space, flat: &ShearedTriangle, [u, v, w]: [f32; 3]) -> HitEstimate {
-    let z_axis = space.axes()[2];
+fn estimate_hit(level_ray: &LevelRay, flat: &ShearedTriangle, [u, v, w]: [f32; 3]) -> HitEstimate {
+    let z_axis = level_ray.axes()[2];
     let ShearedTriangle { x, y, z } = flat;
     let inverse_whole = 1.0 / (u + v + w);
     let [u, v, w] = [u * inverse_whole, v * inverse_whole, w * inverse_whole];
@@ -171,7 +175,7 @@ fn estimate_hit(space: &Space, flat: &ShearedTriangle, [u, v, w]: [f32; 3]) -> H
     let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
     let z_mean = u * z[0].abs() + v * z[1].abs() + w * z[2].abs();
     let [width, height] = [extent(x), extent(y)];
-    let shear = space.shear.map(rounding::shear);
+    let shear = level_ray.shear.map(rounding::shear);
     let sheared = height * (z_mean * shear[0] + rounding::LEAST)
         + width * (z_mean * shear[1] + rounding::LEAST);
     let moved = width * height * rounding::WIDTH + sheared;
@@ -180,14 +184,14 @@ fn estimate_hit(space: &Space, flat: &ShearedTriangle, [u, v, w]: [f32; 3]) -> H
     if weight_error >= rounding::MOST {
         return HitEstimate::Uncertain;
     }
-    if z_error <= space.tolerance * z_hit.abs() {
-        return match space.scale == 1.0 {
-            true => HitEstimate::At(z_hit / space.direction[z_axis], [v, w]),
+    if z_error <= level_ray.tolerance * z_hit.abs() {
+        return match level_ray.scale == 1.0 {
+            true => HitEstimate::At(z_hit / level_ray.direction[z_axis], [v, w]),
             false => HitEstimate::Uncertain,
         };
     }
-    let last = z_hit * space.inverse_z + z_error * space.inverse_z.abs() * ROOM;
-    match space.scale == 1.0 && last <= space.t_min {
+    let last = z_hit * level_ray.inverse_z + z_error * level_ray.inverse_z.abs() * ROOM;
+    match level_ray.scale == 1.0 && last <= level_ray.t_min {
         true => HitEstimate::Behind,
         false => HitEstimate::Uncertain,
     }
@@ -204,10 +208,10 @@ fn extent([a, b, c]: &[f32; 3]) -> f32 {
 /// Brings a distance into the triangle's own slabs, as they are widened, so that no box around it
 /// contradicts it. The exact distance is inside.
 #[inline(always)]
-fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
-    let (near, far) = space.slab(&Bounds::of_triangle(triangle));
-    t.max((f64::from(near) * space.scale) as f32)
-        .min((f64::from(far) * space.scale) as f32)
+fn t_in_slab(level_ray: &LevelRay, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
+    let (near, far) = level_ray.slab(&Bounds::of_triangle(triangle));
+    t.max((f64::from(near) * level_ray.scale) as f32)
+        .min((f64::from(far) * level_ray.scale) as f32)
 }
 
 /// The same where bounds do not decide: near edges and vertices, and with numbers out of all
@@ -215,7 +219,7 @@ fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
 #[cold]
 #[inline(never)]
 fn intersect_exactly(
-    space: &Space,
+    level_ray: &LevelRay,
     triangle: &[[f32; 3]; 3],
     flat: &ShearedTriangle,
     edges: [f32; 3],
@@ -226,23 +230,29 @@ fn intersect_exactly(
     let one_sign = u > 0.0 && v > 0.0 && w > 0.0 || u < 0.0 && v < 0.0 && w < 0.0;
     let ordinary = ORDINARY[0] < whole.abs() && whole.abs() < ORDINARY[1];
     if !(one_sign && ordinary) {
-        return intersect_unrounded(space, triangle, rim);
+        return intersect_unrounded(level_ray, triangle, rim);
     }
     // The work of a test of several triangles after its bounds have decided.
-    match estimate_hit(space, flat, edges) {
+    match estimate_hit(level_ray, flat, edges) {
         HitEstimate::At(t, barycentrics) => {
-            let front =
-                edge_side::faces(first(space.origin), first(space.direction), triangle, rim)?;
+            let front = edge_side::faces(
+                first(level_ray.origin),
+                first(level_ray.direction),
+                triangle,
+                rim,
+            )?;
             if front != (whole > 0.0) {
-                return intersect_unrounded(space, triangle, rim);
+                return intersect_unrounded(level_ray, triangle, rim);
             }
             Some(Intersection {
-                t: t_in_slab(space, triangle, t),
+                t: t_in_slab(level_ray, triangle, t),
                 barycentrics,
                 front,
             })
         }
-        HitEstimate::Behind | HitEstimate::Uncertain => intersect_unrounded(space, triangle, rim),
+        HitEstimate::Behind | HitEstimate::Uncertain => {
+            intersect_unrounded(level_ray, triangle, rim)
+        }
     }
 }
 
@@ -253,11 +263,19 @@ fn first([x, y, z, _]: [f32; 4]) -> [f32; 3] {
 /// Computes all of it from the vertices as they are, without shearing them in f32.
 #[cold]
 #[inline(never)]
-fn intersect_unrounded(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
-    let (front, t, weights) =
-        edge_side::intersect_exactly(first(space.origin), first(space.direction), triangle, rim)?;
+fn intersect_unrounded(
+    level_ray: &LevelRay,
+    triangle: &[[f32; 3]; 3],
+    rim: Rim,
+) -> Option<Intersection> {
+    let (front, t, weights) = edge_side::intersect_exactly(
+        first(level_ray.origin),
+        first(level_ray.direction),
+        triangle,
+        rim,
+    )?;
     Some(Intersection {
-        t: t_in_slab(space, triangle, t as f32),
+        t: t_in_slab(level_ray, triangle, t as f32),
         barycentrics: weights.map(|weight| weight as f32),
         front,
     })

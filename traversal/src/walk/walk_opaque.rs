@@ -40,7 +40,7 @@ impl Opaque<'_> {
             )
         };
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        let mut beam = unsafe { K::load_beam(self.beams, lane, nearest.t) };
+        let mut box_ray = unsafe { K::load_lane(self.level_rays, lane, nearest.t) };
         let mut limit = Entry::last_at(nearest.t);
         let end = 'next: loop {
             // The nearest pending child that is still near enough.
@@ -77,7 +77,7 @@ impl Opaque<'_> {
                 let (node, (mask, near)) = unsafe {
                     let node = self.structure.node_at(word);
                     meter.visit_node(node);
-                    (node, K::intersect_node::<false>(&beam, node))
+                    (node, K::intersect_node::<false>(&box_ray, node))
                 };
                 if mask == 0 {
                     continue 'next;
@@ -115,9 +115,9 @@ impl Opaque<'_> {
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let mut mask = unsafe {
                 K::intersect_leaf(
-                    self.beams,
+                    self.level_rays,
                     lane,
-                    &beam,
+                    &box_ray,
                     groups,
                     lanes,
                     [t_min, nearest.t],
@@ -145,7 +145,7 @@ impl Opaque<'_> {
                 }
                 limit = Entry::last_at(t);
                 // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-                unsafe { K::shorten(&mut beam, t) };
+                unsafe { K::shorten(&mut box_ray, t) };
             }
         };
         // SAFETY: both are in the stack.

@@ -2,11 +2,11 @@
 
 use lanes::Tier;
 
-use super::beams::Beams;
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::group_hits::GroupHits;
 use super::level::Level;
+use super::level_rays::LevelRays;
 use super::options::{Accuracy, Options, Specialisation, Switches};
 use super::packet::PacketSpace;
 #[cfg(target_arch = "x86_64")]
@@ -24,7 +24,7 @@ pub struct Walker {
     pub(crate) bottom: Level,
     pub(crate) instance: InstanceFacts,
     pub(crate) hits: GroupHits,
-    pub(crate) beams: Beams,
+    pub(crate) level_rays: LevelRays,
     pub(crate) packet: PacketSpace,
     #[cfg(target_arch = "x86_64")]
     pub(crate) streams: Streams,
@@ -69,9 +69,9 @@ impl Walker {
     /// A walker as described; `None` if the machine does not have its instruction set.
     pub fn with(options: Options) -> Option<Box<Walker>> {
         let mut level = Level::EMPTY;
-        level.space.tolerance = options.accuracy.tolerance();
-        let mut beams = Beams::EMPTY;
-        beams.tolerance = options.accuracy.tolerance();
+        level.ray.tolerance = options.accuracy.tolerance();
+        let mut level_rays = LevelRays::EMPTY;
+        level_rays.tolerance = options.accuracy.tolerance();
         options.tier.is_available().then(|| {
             Box::new(Walker {
                 stack: [Entry::default(); STACK],
@@ -79,7 +79,7 @@ impl Walker {
                 bottom: level,
                 instance: InstanceFacts::NONE,
                 hits: GroupHits::NONE,
-                beams,
+                level_rays,
                 packet: PacketSpace::EMPTY,
                 #[cfg(target_arch = "x86_64")]
                 streams: Streams::new(),

@@ -47,7 +47,7 @@ const HOUSES: [House; 4] = [
             "object",
             "format",
             "wave",
-            "table",
+            "capabilities",
             "settings",
             "timeline",
             "guard",
@@ -81,7 +81,7 @@ const HOUSES: [House; 4] = [
             "pass",
             "lower",
             "request",
-            "heap",
+            "descriptor_heap",
             "accuracy",
             "parse",
             "origin",
@@ -136,7 +136,7 @@ const HOUSES: [House; 4] = [
     House {
         name: "traversal",
         order: &[
-            "survey",
+            "ray_report",
             "cost",
             "transfer",
             "build",

@@ -2,8 +2,8 @@
 
 use std::os::unix::fs::FileExt;
 
-use control_group::Groups;
-pub use control_group::Memory;
+use cgroup::Groups;
+pub use cgroup::Memory;
 
 /// The limits and the usage of the process.
 #[derive(Debug)]

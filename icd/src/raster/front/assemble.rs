@@ -6,9 +6,9 @@ use ash::vk::PrimitiveTopology as Topology;
 use spirv_jit::Program;
 
 use super::chunk::{ChunkWorker, Round};
-use super::cut::PrimitiveRange;
 use super::fetch::{Common, Vertex};
 use super::indices::Indices;
+use super::split::PrimitiveRange;
 use super::topology::{self, Assembled};
 use crate::command::graphics::DrawCall;
 use crate::raster::Draw;

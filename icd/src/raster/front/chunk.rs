@@ -9,7 +9,6 @@ use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::bins;
-use super::cut::{Job, PrimitiveRange, parts_of_spans};
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, GeometryInput, emitted_topology};
@@ -21,6 +20,7 @@ use super::patches::{
 };
 use super::project::Projection;
 use super::screen::ScreenVertex;
+use super::split::{Job, PrimitiveRange, parts_of_spans};
 use super::streams;
 use super::topology::Assembled;
 use super::vertices::{Unique, shade};

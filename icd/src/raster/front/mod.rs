@@ -23,7 +23,6 @@ mod bins;
 mod bresenham;
 mod chunk;
 mod clip;
-mod cut;
 mod facts;
 mod fetch;
 mod geometry;
@@ -38,6 +37,7 @@ mod project;
 mod screen;
 mod set_up;
 mod shapes;
+mod split;
 mod streams;
 mod tessellate;
 #[cfg(test)]
@@ -53,11 +53,13 @@ use parking_lot::Mutex;
 use rayon::prelude::*;
 
 use self::chunk::{ChunkWorker, Round};
-use self::cut::{Cursor, Cutter, Job, longest_chunk};
 use self::mesh::{TaskCursor, Tasks};
 use self::patches::Patches;
+use self::split::{Cursor, Job, Splitter, longest_chunk};
 use super::primitive::Grid;
-use super::{CHUNK_PRIMITIVES, Chunk, Context, Draw, ROUND_CHUNKS, Targets, Work, capture};
+use super::{
+    CHUNK_PRIMITIVES, Chunk, Context, Draw, ROUND_CHUNKS, Targets, Work, transform_feedback,
+};
 use crate::timeline;
 use crate::wave::Stopped;
 
@@ -156,7 +158,7 @@ impl FrontEnd {
         rounds: &mut Rounds,
     ) -> Result<Option<Vec<Chunk>>, Stopped> {
         context.limits.check()?;
-        let cutter = Cutter {
+        let cutter = Splitter {
             work,
             view_mask: targets.view_mask,
             reach: context.reach,
@@ -174,7 +176,7 @@ impl FrontEnd {
             return Ok(None);
         }
         let chunks = self.run_jobs(context, &round, &jobs)?;
-        capture::write(context, work, &chunks);
+        transform_feedback::write(context, work, &chunks);
         rounds.adapt(&chunks, context.workers.current_num_threads());
         Ok(Some(chunks))
     }
@@ -184,7 +186,7 @@ impl FrontEnd {
         &self,
         context: Context<'_>,
         round: &Round<'_>,
-        cutter: &Cutter<'_>,
+        cutter: &Splitter<'_>,
         rounds: &mut Rounds,
     ) -> Result<Vec<Job>, Stopped> {
         let mut jobs: Vec<Job> = Vec::new();
@@ -254,7 +256,7 @@ impl FrontEnd {
         &self,
         context: Context<'_>,
         round: &Round<'_>,
-        cutter: &Cutter<'_>,
+        cutter: &Splitter<'_>,
         rounds: &mut Rounds,
         first: Job,
         room: usize,

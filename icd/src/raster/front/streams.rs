@@ -35,7 +35,7 @@ pub fn divide(
     }
     let has_streams =
         (draw.stages.last().and_then(Program::geometry)).is_some_and(|facts| facts.streams);
-    if draw.capture.is_some() {
+    if draw.feedback.is_some() {
         let corners = topology::kind(topology).map_or(0, topology::PrimitiveKind::corners);
         let vertices = &mut chunk.captured_vertices;
         (vertices.try_reserve(primitives.len() * corners)).map_err(|_| Stopped::OutOfMemory)?;

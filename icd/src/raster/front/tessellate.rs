@@ -11,7 +11,7 @@
 use smallvec::SmallVec;
 use spirv_jit::program::{Domain, Spacing};
 
-use crate::table::limits::MAX_TESSELLATION_LEVEL;
+use crate::capabilities::limits::MAX_TESSELLATION_LEVEL;
 
 /// The greatest level.
 const MAX_LEVEL: u32 = MAX_TESSELLATION_LEVEL;

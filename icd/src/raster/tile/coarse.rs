@@ -13,12 +13,12 @@ use spirv_jit::program::OutputRow;
 use super::coverage::{Block, Covered};
 use super::inputs::{Inputs, vertex_words};
 use super::pack::{Found, Origin, Pack, Packs, Went, move_quad, quad_place};
-use super::passed::Part;
+use super::pass_through::Part;
 use super::samples::{MAX_COVERAGE, MAX_SAMPLES, any};
+use crate::capabilities::limits::RATE_TEXEL;
 use crate::object::shading_rate::{RATES, Rate, ShadingRate};
 use crate::raster::primitive::Record;
 use crate::raster::{Draw, Target, Targets};
-use crate::table::limits::RATE_TEXEL;
 use crate::wave::runner::Runner;
 
 /// Parts of a quad, at most.

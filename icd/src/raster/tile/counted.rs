@@ -6,7 +6,7 @@
 use super::coarse::Of;
 use super::coverage::Block;
 use super::pack::{Origin, Pack};
-use super::passed::Part;
+use super::pass_through::Part;
 use super::pixels::{cells_of, count_lanes};
 use super::samples::any;
 use super::texels::Places;
@@ -42,7 +42,7 @@ impl<'a> Visit<'a> {
             }
         }
         let result = match (&plan.program, &plan.coarse) {
-            (None, _) if plan.passed.is_some() => {
+            (None, _) if plan.pass_through.is_some() => {
                 // Tests are all that there is.
                 self.test::<true>(current, false, record, &mut covered.blocks);
                 Ok(())

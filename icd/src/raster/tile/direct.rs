@@ -10,7 +10,7 @@ use super::coverage::{Covered, Square};
 use super::depth::{Plain, Tested};
 use super::interpolation::{clamped, depths, interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
-use super::passed::{Change, Part, Passed, Texels, Value, texels_of};
+use super::pass_through::{Change, Part, PassThrough, Texels, Value, texels_of};
 use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, count};
 use super::texels::{Pattern, Places, fill, load_word, store, store_word};
@@ -25,29 +25,29 @@ lanes::vectors! {
     pub unsafe fn draw<V>(
         v,
         plan: &Plan<'_>,
-        passed: &Passed,
+        pass_through: &PassThrough,
         part: &Part<'_>,
         covered: &Covered,
         counts: &mut Counts,
     ) {
         let mut values = SmallVec::<[Value; 8]>::new();
         let mut solid = None;
-        if passed.constant.is_none() {
-            for slope in passed.slopes.iter().flatten() {
+        if pass_through.constant.is_none() {
+            for slope in pass_through.slopes.iter().flatten() {
                 values.push(part.value(slope));
             }
-            if passed.replaces {
+            if pass_through.replaces {
                 solid = texels_of(v, &plan.output, &values);
             }
         }
-        let solid = passed.constant.as_ref().or(solid.as_ref());
+        let solid = pass_through.constant.as_ref().or(solid.as_ref());
         let painter = DirectPrimitive {
             v,
             plan,
             part,
             plain: plan.tests.plain().filter(|_| plan.samples == 1),
             is_untested: plan.samples == 1 && plan.tests.is_empty(),
-            has_program: passed.slopes.is_some(),
+            has_program: pass_through.slopes.is_some(),
             values: &values,
             solid,
             source_over: match solid {

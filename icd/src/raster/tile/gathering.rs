@@ -3,7 +3,7 @@
 use super::coarse::{Coarse, Of, block_at};
 use super::coverage::Covered;
 use super::pack::Found;
-use super::passed::Part;
+use super::pass_through::Part;
 use super::samples::MAX_SAMPLES;
 use super::visit::{Current, TileWorker, Visit};
 use crate::wave::Stopped;

@@ -3,7 +3,9 @@
 
 use smallvec::SmallVec;
 use spirv_jit::Program;
-use spirv_jit::program::{Builtin, InputRow, Passed, Position, Varying, VaryingMode, VaryingPlace};
+use spirv_jit::program::{
+    Builtin, InputRow, PassThrough, Position, Varying, VaryingMode, VaryingPlace,
+};
 
 use super::interpolation::number;
 use super::lanes::{LANE_X, LANE_Y, Row};
@@ -272,10 +274,10 @@ impl Inputs {
     }
 
     /// Of a program that computes nothing, its outputs instead.
-    pub fn passed(&self, outputs: &[Passed]) -> Self {
-        let fill = |output: &Passed| match *output {
-            Passed::Constant(word) => InputRowSource::Constant(word),
-            Passed::Input(row) => {
+    pub fn pass_through(&self, outputs: &[PassThrough]) -> Self {
+        let fill = |output: &PassThrough| match *output {
+            PassThrough::Constant(word) => InputRowSource::Constant(word),
+            PassThrough::Input(row) => {
                 (self.fills.get(row as usize).copied()).unwrap_or(InputRowSource::Constant(0))
             }
         };

@@ -5,8 +5,8 @@
 //!           [visit]                [coverage]        [depth]         [pack]   [inputs]                  [output]
 //! ```
 //!
-//! Fragments of programs that compute nothing go from coverage to the images at once: [`passed`],
-//! [`direct`]; those that sample and multiply: [`tinted`].
+//! Fragments of programs that compute nothing go from coverage to the images at once:
+//! [`pass_through`], [`direct`]; those that sample and multiply: [`modulate`].
 //!
 //! A tile belongs to one worker, which works off all chunks in order and writes straight into the
 //! images: the order of primitives holds at each sample, and no pixel has two writers. [`plan`] is
@@ -24,23 +24,23 @@ mod depth;
 mod direct;
 mod filling;
 mod gathering;
-mod halves;
 mod inputs;
 mod interpolation;
 mod lanes;
+mod modulate;
 mod output;
 mod pack;
 mod parts;
-mod passed;
+mod pass_through;
 mod pixels;
 mod plan;
 mod rectangle;
 mod samples;
 mod shading;
+mod small_rectangle;
 #[cfg(test)]
 mod tests;
 mod texels;
-mod tinted;
 mod visit;
 
 use ::lanes::Tier;

@@ -10,10 +10,10 @@ use spirv_jit::program::FragmentFacts;
 use super::coarse::Coarse;
 use super::depth::Tests;
 use super::inputs::Inputs;
+use super::modulate::Sampled;
 use super::output::Output;
-use super::passed::Passed;
+use super::pass_through::PassThrough;
 use super::samples::Locations;
-use super::tinted::Sampled;
 use crate::object::graphics_state::{GraphicsState, MAX_VIEWPORTS};
 use crate::object::shading_rate::Rate;
 use crate::raster::primitive::Record;
@@ -35,7 +35,7 @@ pub enum Order {
 pub struct Plan<'a> {
     pub program: Option<Fragment<'a>>,
     /// In its place, where nothing needs to run.
-    pub passed: Option<Passed>,
+    pub pass_through: Option<PassThrough>,
     /// In its place, where that is a sample and products.
     pub sampled: Option<Sampled<'a>>,
     /// The rates of fragments that may be of several pixels.
@@ -129,21 +129,23 @@ impl<'a> Plan<'a> {
         let order = order(&facts, &output, &tests);
         let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();
         let rows = fragment.zip(inputs.as_ref()).map(|(program, inputs)| {
-            let outputs = program.passed().filter(|_| !has_effects && !per_sample);
-            outputs.map(|outputs| inputs.passed(outputs))
+            let outputs = program
+                .pass_through()
+                .filter(|_| !has_effects && !per_sample);
+            outputs.map(|outputs| inputs.pass_through(outputs))
         });
         let passes = order == Order::Early && !output.drops_samples();
-        let passed = match &rows {
+        let pass_through = match &rows {
             _ if coarse.is_some() || !passes || output.smooth_alpha.is_some() => None,
             Some(None) => None,
-            Some(Some(rows)) => Passed::new(tier, Some(rows), &output),
-            None => Passed::new(tier, None, &output),
+            Some(Some(rows)) => PassThrough::new(tier, Some(rows), &output),
+            None => PassThrough::new(tier, None, &output),
         };
-        let tinted = (fragment.and_then(Program::tinted))
+        let modulated = (fragment.and_then(Program::modulated))
             .filter(|_| order == Order::Early && !(has_effects || per_sample))
             .filter(|_| output.smooth_alpha.is_none() && coarse.is_none());
-        let sampled = (tinted.zip(inputs.as_ref()))
-            .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
+        let sampled = (modulated.zip(inputs.as_ref()))
+            .and_then(|(modulated, inputs)| Sampled::new(modulated, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| {
             let may_join = order == Order::Early && output.smooth_alpha.is_none();
             Fragment::new(program, inputs, &facts, (per_sample, samples), may_join)
@@ -151,7 +153,7 @@ impl<'a> Plan<'a> {
         let runs = |it: &Fragment<'_>| !(it.is_serial || it.per_sample || it.sees_coverage);
         let is_small = program.as_ref().is_some_and(runs)
             && order == Order::Early
-            && passed.is_none()
+            && pass_through.is_none()
             && sampled.is_none()
             && coarse.is_none()
             && (tests.is_empty() || tests.plain().is_some())
@@ -161,7 +163,7 @@ impl<'a> Plan<'a> {
         let is_plain = is_small && may_join && tests.is_empty();
         Self {
             program,
-            passed,
+            pass_through,
             sampled,
             coarse,
             is_small,

@@ -3,9 +3,9 @@
 
 use std::ops::Deref;
 
+use crate::capabilities::limits;
 use crate::object::graphics_state::Multisample;
 use crate::object::shading_rate::Rate;
-use crate::table::limits;
 
 /// Samples of a pixel, at most.
 pub const MAX_SAMPLES: usize = 8;

@@ -4,21 +4,21 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use lanes::Tier;
-use spirv_jit::interp::tinted::Sampling;
+use spirv_jit::interp::modulate::Sampling;
 
 use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_triangle};
 use super::direct;
-use super::halves::halves;
+use super::modulate::{self, Sampled};
 use super::pack::{Found, OWN, Origin, Pack, Packs};
 use super::parts::Wave;
-use super::passed::Part;
+use super::pass_through::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::rectangle::Rectangle;
 use super::samples::{Counts, Location, MAX_SAMPLES, any, count, masks_of};
 use super::shading::{finish, start, test_blocks, test_small};
-use super::tinted::{self, Sampled};
+use super::small_rectangle::cover_rectangle;
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape, triangle_edges};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
 use crate::wave::Stopped;
@@ -175,9 +175,10 @@ impl<'a> Visit<'a> {
             self.round.work.get(index as usize),
             self.round.plans.of_draw(index),
         ) {
-            let tinted = plan.sampled.as_ref().map(|sampled| sampled.tinted);
+            let modulated = plan.sampled.as_ref().map(|sampled| sampled.modulated);
             // SAFETY: the draw keeps what its environment points to.
-            self.sampling = tinted.and_then(|it| unsafe { Sampling::new(it, &draw.environment) });
+            self.sampling =
+                modulated.and_then(|it| unsafe { Sampling::new(it, &draw.environment) });
             self.current = Some(Current {
                 index,
                 draw,
@@ -246,12 +247,14 @@ impl<'a> Visit<'a> {
         let corner = [self.bounds.left, self.bounds.top];
         let part = Part::new(chunk, record, corner, &self.round.area);
         let sampled = current.plan.sampled.as_ref().zip(self.sampling.as_ref());
-        let result = match (&current.plan.passed, sampled) {
-            (Some(passed), _) => {
+        let result = match (&current.plan.pass_through, sampled) {
+            (Some(pass_through), _) => {
                 let (tier, plan) = (self.round.tier, current.plan);
                 // SAFETY: what is covered lies in the clip, which lies in the render area, and with
                 // it in all attachments; the layer was checked, and a tile belongs to one worker.
-                unsafe { direct::draw(tier, plan, passed, &part, &covered, &mut self.counts) };
+                unsafe {
+                    direct::draw(tier, plan, pass_through, &part, &covered, &mut self.counts)
+                };
                 Ok(())
             }
             (None, Some((sampled, sampling))) => {
@@ -338,7 +341,7 @@ impl<'a> Visit<'a> {
         // worker's tile in the render area; for the rest, as for direct fragments, and the draw
         // keeps what its environment points to.
         unsafe {
-            tinted::draw_rectangle(
+            modulate::draw_rectangle(
                 tier,
                 tier,
                 &plan.output,
@@ -373,7 +376,8 @@ impl<'a> Visit<'a> {
         if clip.left >= clip.right || clip.top >= clip.bottom {
             return Ok(true);
         }
-        let Some(blocks) = halves(self.round.tier, [&first, &second], &self.bounds, &clip) else {
+        let Some(blocks) = cover_rectangle(self.round.tier, [&first, &second], &self.bounds, &clip)
+        else {
             return Ok(false);
         };
         let [origin, other] =
@@ -750,7 +754,7 @@ fn sample(
             let blocks = covered.blocks.iter();
             counts.samples += blocks.map(|block| count(&block.masks)).sum::<u64>();
         }
-        tinted::draw(
+        modulate::draw(
             tier,
             tier,
             &plan.output,

@@ -12,7 +12,7 @@ use lanes::{LaneMask, Tier};
 use spirv_jit::Program;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
-use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
+use traversal::{GroupWalk, GroupWalks, RayRows, Start, Walker, ray_flags};
 
 use super::fault::Stopped;
 use super::hit_facts::{Lanes, addresses};
@@ -146,9 +146,9 @@ impl Queries {
             |lane: usize| object.rows[row::FLAGS].0[lane] & ray_flags::TERMINATE_ON_FIRST_HIT;
         let shows_first_hit = shows_committed(context.program.query_words())
             && lanes.iter().any(|lane| ends(lane) != 0);
-        let flight = &mut *self.waiting.starting;
+        let group_walk = &mut *self.waiting.starting;
         let mut one = One {
-            flight: &mut *flight,
+            group_walk: &mut *group_walk,
             rows: object.rows,
             start: Start {
                 lanes,
@@ -162,11 +162,11 @@ impl Queries {
         let stand = settle(
             (context.tier, context.program, context.limits),
             object,
-            flight,
+            group_walk,
             lanes,
         );
         if let Some(view) = &mut context.view {
-            view.settled(object, flight, lanes);
+            view.settled(object, group_walk, lanes);
         }
         self.waiting.keep(object.first, context.owned)?;
         Ok(stand)
@@ -185,20 +185,20 @@ impl Queries {
             .iter()
             .fold(LaneMask::NONE, |asked, &at| asked | object.lanes_at(at));
         let going = lanes & asked;
-        let Some(flight) = context.owned.find(object.first) else {
+        let Some(group_walk) = context.owned.find(object.first) else {
             object.set_state(context.tier, going, state::OVER);
             return Ok(LaneMask::NONE);
         };
-        let waiting = flight.candidates().found;
+        let waiting = group_walk.candidates().found;
         object.set_state(context.tier, going - waiting, state::OVER);
         let going = going & waiting;
-        flight.hold(waiting - going);
+        group_walk.hold(waiting - going);
         if let Some(view) = &context.view {
-            view.decision(object, flight, going);
+            view.decision(object, group_walk, going);
         }
-        decide(flight, object, going);
+        decide(group_walk, object, going);
         let mut one = One {
-            flight: &mut *flight,
+            group_walk: &mut *group_walk,
             rows: object.rows,
             start: Start {
                 lanes: going,
@@ -212,11 +212,11 @@ impl Queries {
         let stand = settle(
             (context.tier, context.program, context.limits),
             object,
-            flight,
+            group_walk,
             going,
         );
         if let Some(view) = &mut context.view {
-            view.settled(object, flight, going);
+            view.settled(object, group_walk, going);
         }
         // Also of lanes that are over, which the shader may have ended.
         let over = lanes - stand;
@@ -252,14 +252,21 @@ impl Queries {
 fn settle(
     (tier, program, limits): (Tier, &Program, &Limits),
     object: &mut QueryRows<'_>,
-    flight: &mut Flight,
+    group_walk: &mut GroupWalk,
     lanes: LaneMask,
 ) -> LaneMask {
     let words = program.query_words();
-    flight.update_hits();
-    describe_committed(tier, &flight.hits, lanes, object.rows, words, limits);
-    let stand = flight.candidates().found & lanes;
-    describe_candidates(tier, flight.candidates(), stand, object.rows, words, limits);
+    group_walk.update_hits();
+    describe_committed(tier, &group_walk.hits, lanes, object.rows, words, limits);
+    let stand = group_walk.candidates().found & lanes;
+    describe_candidates(
+        tier,
+        group_walk.candidates(),
+        stand,
+        object.rows,
+        words,
+        limits,
+    );
     object.set_state(tier, lanes, state::OVER);
     if !stand.is_empty() {
         object.set_state(tier, stand, state::CANDIDATE);
@@ -268,17 +275,17 @@ fn settle(
 }
 
 /// Applies the shader's decisions about candidates; invalid ones are ignored.
-fn decide(flight: &mut Flight, object: &QueryRows<'_>, lanes: LaneMask) {
-    let built_in = flight.candidates().built_in();
+fn decide(group_walk: &mut GroupWalk, object: &QueryRows<'_>, lanes: LaneMask) {
+    let built_in = group_walk.candidates().built_in();
     let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;
     if !confirmed.is_empty() {
-        flight.accept(confirmed);
+        group_walk.accept(confirmed);
     }
     let generated = object.lanes_at(state::GENERATED) & (lanes - built_in);
     if !generated.is_empty() {
         let t = floats(object.rows, row::GENERATED_T);
-        let counts = flight.counts(generated, &t);
-        flight.report(counts, &t, &[0; _]);
+        let counts = group_walk.counts(generated, &t);
+        group_walk.report(counts, &t, &[0; _]);
     }
 }
 
@@ -307,13 +314,13 @@ fn show_rays(context: &Context<'_>, object: &QueryRows<'_>, lanes: LaneMask) {
 
 /// One query's rays at the seam: their group is the only one.
 struct One<'a> {
-    flight: &'a mut Flight,
+    group_walk: &'a mut GroupWalk,
     rows: &'a [AlignedRow],
     start: Start,
     limits: &'a Limits,
 }
 
-impl Flights for One<'_> {
+impl GroupWalks for One<'_> {
     type Stop = Stopped;
 
     fn rays(&self, _: u32, rays: &mut RayRows) -> Start {
@@ -321,8 +328,8 @@ impl Flights for One<'_> {
         self.start
     }
 
-    fn flight(&mut self, _: u32) -> &mut Flight {
-        self.flight
+    fn group_walk(&mut self, _: u32) -> &mut GroupWalk {
+        self.group_walk
     }
 
     fn settled(&mut self, _: u32) -> Result<(), Stopped> {
@@ -375,15 +382,15 @@ mod tests {
     use scenes::{Mesh, Scene, ray};
 
     /// Sixteen rays that wait at a triangle of a scene.
-    fn flight(scene: &Scene) -> Box<Flight> {
+    fn group_walk(scene: &Scene) -> Box<GroupWalk> {
         let rays = [ray([0.125, 0.25, 2.0], [0.0, 0.0, -1.0]); 16];
         let mut groups = Groups::new(&scene.top, &rays, |_, _| ());
         groups.rounds = 0;
         // SAFETY: the scene is alive.
         unsafe { groups.trace(&mut Walker::new(), 1) };
-        let flight = groups.flights.pop().expect("there is one group");
-        assert_eq!(flight.candidates().found, LaneMask::ALL);
-        Box::new(flight)
+        let group_walk = groups.group_walks.pop().expect("there is one group");
+        assert_eq!(group_walk.candidates().found, LaneMask::ALL);
+        Box::new(group_walk)
     }
 
     #[test]
@@ -392,7 +399,7 @@ mod tests {
         let mut waiting = Waiting::default();
         let mut keep = |object| {
             let mut owned = Owned::default();
-            waiting.starting = flight(&scene);
+            waiting.starting = group_walk(&scene);
             waiting.keep(object, &mut owned).expect("there is room");
             owned
         };
@@ -401,7 +408,7 @@ mod tests {
         // A ray that moves gets the released memory, where the other lanes have none.
         let moves = waiting.move_lane((&mut moving, 3), (&mut moved, 5));
         moves.expect("there is room");
-        let flight = moved.find(8).expect("the ray moved with its query");
-        assert_eq!(flight.candidates().found, LaneMask::of(5));
+        let group_walk = moved.find(8).expect("the ray moved with its query");
+        assert_eq!(group_walk.candidates().found, LaneMask::of(5));
     }
 }

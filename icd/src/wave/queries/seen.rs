@@ -6,7 +6,7 @@ use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::origin::CodeLocation;
 use spirv_jit::query::{row, state};
-use traversal::{Flight, RayCosts, RayRows, Walker};
+use traversal::{GroupWalk, RayCosts, RayRows, Walker};
 
 use super::{QueryRows, load};
 use crate::wave::Limits;
@@ -80,16 +80,16 @@ impl<'a> View<'a> {
 
     /// The shader has decided about a candidate, which is still there.
     #[cold]
-    pub fn decision(&self, object: &QueryRows<'_>, flight: &Flight, lanes: LaneMask) {
+    pub fn decision(&self, object: &QueryRows<'_>, group_walk: &GroupWalk, lanes: LaneMask) {
         let Some((observer, lane)) = self.observed(lanes) else {
             return;
         };
-        let is_built_in = flight.candidates().built_in().contains(lane);
+        let is_built_in = group_walk.candidates().built_in().contains(lane);
         let decision = match object.rows[row::STATE].0[lane] {
             state::CONFIRMED if is_built_in => QueryDecision::Confirmed,
             state::GENERATED if !is_built_in => {
                 let t = f32::from_bits(object.rows[row::GENERATED_T].0[lane]);
-                let counts = flight.counts(LaneMask::of(lane), &[t; SUBGROUP_SIZE]);
+                let counts = group_walk.counts(LaneMask::of(lane), &[t; SUBGROUP_SIZE]);
                 QueryDecision::Generated(t, !counts.is_empty())
             }
             _ => QueryDecision::Ignored,
@@ -100,17 +100,17 @@ impl<'a> View<'a> {
 
     /// Rays stand at candidates, or have ended.
     #[cold]
-    pub fn settled(&mut self, object: &QueryRows<'_>, flight: &Flight, lanes: LaneMask) {
+    pub fn settled(&mut self, object: &QueryRows<'_>, group_walk: &GroupWalk, lanes: LaneMask) {
         if let Some(Counted { cells, .. }) = &self.counted {
             let mut rays = RayRows::NONE;
             load(object.rows, &mut rays);
-            for lane in lanes - flight.candidates().found {
+            for lane in lanes - group_walk.candidates().found {
                 self.walked.extend(cells[lane].map(|cell| WalkedRay {
                     cell,
                     structure: rays.top_level[lane],
                     ray: rays.ray(lane),
                     time: 0.0,
-                    hit: flight.hits.get(lane),
+                    hit: group_walk.hits.get(lane),
                 }));
             }
         }
@@ -118,11 +118,11 @@ impl<'a> View<'a> {
             return;
         };
         let object = object.first;
-        observer.observe(match flight.candidates().get(lane) {
+        observer.observe(match group_walk.candidates().get(lane) {
             Some(hit) => Observation::QueryCandidate { object, hit },
             None => Observation::QueryOver {
                 object,
-                hit: flight.hits.get(lane),
+                hit: group_walk.hits.get(lane),
             },
         });
     }

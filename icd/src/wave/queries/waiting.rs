@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use lanes::LaneMask;
-use traversal::Flight;
+use traversal::GroupWalk;
 
 use crate::wave::Stopped;
 
@@ -12,14 +12,14 @@ const MOST: usize = 1 << 16;
 /// The rays that wait in one subgroup's queries, by the first row of the query's object. It is the
 /// subgroup that has them: an object, which a shader may overwrite, says nothing of where they are.
 #[derive(Default)]
-pub struct Owned(Vec<(u32, Box<Flight>)>);
+pub struct Owned(Vec<(u32, Box<GroupWalk>)>);
 
 /// Keeps the memory of groups of rays.
 #[derive(Default)]
 pub(super) struct Waiting {
     /// The rays that start.
-    pub starting: Box<Flight>,
-    spare: Vec<Box<Flight>>,
+    pub starting: Box<GroupWalk>,
+    spare: Vec<Box<GroupWalk>>,
     /// Groups that are kept.
     count: usize,
 }
@@ -32,9 +32,9 @@ impl Owned {
     }
 
     /// The rays of an object's query that wait.
-    pub(super) fn find(&mut self, object: u32) -> Option<&mut Flight> {
+    pub(super) fn find(&mut self, object: u32) -> Option<&mut GroupWalk> {
         let found = self.0.iter_mut().find(|(of, _)| *of == object);
-        found.map(|(_, flight)| &mut **flight)
+        found.map(|(_, group_walk)| &mut **group_walk)
     }
 }
 
@@ -62,7 +62,7 @@ impl Waiting {
     }
 
     /// Memory for one more group.
-    fn room(&mut self) -> Result<Box<Flight>, Stopped> {
+    fn room(&mut self) -> Result<Box<GroupWalk>, Stopped> {
         if self.count == MOST {
             return Err(Stopped::OutOfMemory);
         }
@@ -77,11 +77,11 @@ impl Waiting {
     /// Forgets rays of an object's query.
     pub fn forget(&mut self, object: u32, lanes: LaneMask, owned: &mut Owned) {
         if let Some(place) = owned.0.iter().position(|(of, _)| *of == object) {
-            let flight = &mut owned.0[place].1;
-            flight.forget(lanes);
-            if flight.candidates().found.is_empty() {
-                let (_, flight) = owned.0.swap_remove(place);
-                self.spare.push(flight);
+            let group_walk = &mut owned.0[place].1;
+            group_walk.forget(lanes);
+            if group_walk.candidates().found.is_empty() {
+                let (_, group_walk) = owned.0.swap_remove(place);
+                self.spare.push(group_walk);
                 self.count -= 1;
             }
         }
@@ -97,15 +97,15 @@ impl Waiting {
         (from, lane): (&mut Owned, usize),
         (to, to_lane): (&mut Owned, usize),
     ) -> Result<(), Stopped> {
-        for (object, flight) in &mut from.0 {
-            if !flight.candidates().found.contains(lane) {
+        for (object, group_walk) in &mut from.0 {
+            if !group_walk.candidates().found.contains(lane) {
                 continue;
             }
             if to.find(*object).is_none() {
                 to.0.push((*object, self.room()?));
             }
             if let Some(others) = to.find(*object) {
-                flight.move_ray(lane, others, to_lane);
+                group_walk.move_ray(lane, others, to_lane);
             }
         }
         Ok(())
@@ -119,7 +119,7 @@ impl Waiting {
         }
         self.count -= owned.0.len();
         self.spare
-            .extend(owned.0.drain(..).map(|(_, flight)| flight));
+            .extend(owned.0.drain(..).map(|(_, group_walk)| group_walk));
     }
 
     /// Forgets all rays; the subgroups' are cleared before they are used again.

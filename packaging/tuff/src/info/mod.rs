@@ -22,7 +22,7 @@ pub struct Seen {
     /// Devices without it.
     pub unselected: probe::Found,
     /// The process's control group, if that has a limit.
-    pub group: Option<control_group::Memory>,
+    pub group: Option<cgroup::Memory>,
     /// Variables that loader or driver read, and their values.
     pub variables: Vec<(String, String)>,
     /// Whether the loader ignores them in programs that are started from this one.
@@ -39,7 +39,7 @@ pub fn print(installation: &Installation) -> ExitCode {
         own_loader: installation.own_loader.clone().map(|_| ()),
         selected: probe::ask(&installation.variables()),
         unselected: probe::ask(&[]),
-        group: control_group::Groups::open(os::read_at).memory(),
+        group: cgroup::Groups::open(os::read_at).memory(),
         variables: variables(),
         are_variables_ignored: os::variables_are_ignored(),
         registered: registered::all(),

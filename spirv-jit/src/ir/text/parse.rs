@@ -229,7 +229,7 @@ impl<'a> Parser<'a> {
             tessellation: None,
             geometry: None,
             mesh: None,
-            capture: None,
+            feedback: None,
             fragment: None,
             local_size: [1; 3],
             quads: false,
@@ -260,7 +260,7 @@ impl<'a> Parser<'a> {
                 }
                 "capture" => {
                     // A shader with the mode may capture nothing.
-                    let facts = module.capture.get_or_insert_default();
+                    let facts = module.feedback.get_or_insert_default();
                     while let Some(Token::Word(word)) = self.peek()
                         && facts.set(word)
                     {

@@ -41,7 +41,7 @@ pub fn print_head(module: &Module) -> String {
     if let Some(facts) = &module.mesh {
         text += &format!("mesh {facts}\n");
     }
-    if let Some(facts) = &module.capture {
+    if let Some(facts) = &module.feedback {
         text += &format!("capture {facts}\n");
     }
     if let Some(facts) = &module.fragment {

@@ -192,7 +192,7 @@ fn verifier_refuses_forged_descriptors() {
         "v4: i32 = load.global v1\nend".into(),
         "var0: 2 rows\nvar.store[var0, 0] v1\nend".into(),
         "v4: descriptor = descriptor_at v1\nend".into(),
-        // Passed on.
+        // PassThrough on.
         "block L0 -> (v4: descriptor) {\nbr L0(v1)\n}\nend".into(),
         "if v3, L0 -> (v4: descriptor) {\nbr L0(v1)\n} else {\nbr L0(v1)\n}\nend".into(),
         "loop L0 (v4: descriptor) = (v1) {\nend\n}\nend".into(),

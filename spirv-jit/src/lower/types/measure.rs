@@ -6,7 +6,7 @@ use super::{
     FEW_COMPONENTS, LOCATION_WORDS, TypeInfo, TypeKind, Types, is_physical, is_through_descriptor,
 };
 use crate::Error;
-use crate::heap::DESCRIPTOR_BYTES;
+use crate::descriptor_heap::DESCRIPTOR_BYTES;
 use crate::hit_object::word;
 use crate::ir::op::MatrixProduct;
 use crate::parse::{Annotations, Id};

@@ -8,8 +8,8 @@ use num_traits::{Signed, ToPrimitive, Zero};
 
 use super::*;
 use crate::layout::Margin;
+use crate::walk::level_ray::LevelRay;
 use crate::walk::options::Accuracy;
-use crate::walk::space::Space;
 use crate::walk::triangle::{ShearedTriangle, intersect, rounding};
 
 pub(in crate::walk) fn count() -> usize {
@@ -335,9 +335,9 @@ fn shears_that_underflow_are_seen() {
         ],
     };
     let truth = Truth::of(&case);
-    let mut space = Space::EMPTY;
-    space.set(case.origin, case.direction, 0.0, 0.0);
-    let found = intersect(&space, &case.triangle, Rim::Included).expect("it is hit");
+    let mut level_ray = LevelRay::EMPTY;
+    level_ray.set(case.origin, case.direction, 0.0, 0.0);
+    let found = intersect(&level_ray, &case.triangle, Rim::Included).expect("it is hit");
     let t = quotient(&-&truth.volume, &truth.whole);
     assert!((f64::from(found.t) / t - 1.0).abs() < 1e-7);
     let weight = quotient(&truth.edges[1], &truth.whole);
@@ -358,18 +358,18 @@ fn bounds_hold() {
         if !is_sound(&case) {
             continue;
         }
-        let mut space = Space::EMPTY;
-        space.tolerance = Accuracy::Spec.tolerance();
-        space.set(case.origin, case.direction, 0.0, 0.0);
+        let mut level_ray = LevelRay::EMPTY;
+        level_ray.tolerance = Accuracy::Spec.tolerance();
+        level_ray.set(case.origin, case.direction, 0.0, 0.0);
 
-        let flat = ShearedTriangle::new(&space, &case.triangle);
+        let flat = ShearedTriangle::new(&level_ray, &case.triangle);
         let edges = [flat.edge(2, 1), flat.edge(0, 2), flat.edge(1, 0)];
         let one_sign = edges.iter().all(|&e| e > 0.0) || edges.iter().all(|&e| e < 0.0);
         let error = Margin::of(&case.triangle).error(flat.z[0].abs());
         let hit = truth.faces(&case, Rim::Included);
         if error.is_finite() && (hit.is_some() || one_sign && edges.iter().sum::<f32>().is_finite())
         {
-            let length = whole(space.direction[space.axes()[2]].abs());
+            let length = whole(level_ray.direction[level_ray.axes()[2]].abs());
             for (found, value) in edges.into_iter().zip(&truth.edges) {
                 assert!(found.is_finite(), "{case:?}");
                 let off = ((whole(found) * &length) << 149u32) - value;
@@ -381,7 +381,7 @@ fn bounds_hold() {
         }
 
         for rim in [Rim::Included, Rim::Owned] {
-            let found = intersect(&space, &case.triangle, rim);
+            let found = intersect(&level_ray, &case.triangle, rim);
             let t = truth
                 .faces(&case, rim)
                 .map(|_| quotient(&-&truth.volume, &truth.whole));

@@ -132,10 +132,10 @@ fn test_parts_exactly(
 ) -> LaneMask {
     let mut asked = LaneMask::NONE;
     for lane in lanes {
-        let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Included) else {
+        let Some(hit) = intersect(&rays.level_rays.of_lane(lane), triangle, Rim::Included) else {
             continue;
         };
-        if hit.t > rays.beams.t_min[lane] {
+        if hit.t > rays.level_rays.t_min[lane] {
             match opacity_at(states, facts, hit.barycentrics) {
                 Some(true) => found.offer(structure, lane, slot, &hit),
                 Some(false) => asked.insert(lane),
@@ -313,8 +313,8 @@ impl IntersectionRows {
     ) -> (LaneMask, LaneMask) {
         let [mut met, mut front] = [LaneMask::NONE; 2];
         for lane in lanes {
-            if let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Owned)
-                && hit.t > rays.beams.t_min[lane]
+            if let Some(hit) = intersect(&rays.level_rays.of_lane(lane), triangle, Rim::Owned)
+                && hit.t > rays.level_rays.t_min[lane]
                 && hit.t < found.t[lane]
             {
                 met.insert(lane);

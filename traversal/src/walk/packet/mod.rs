@@ -11,7 +11,7 @@
 //! box with all rays that meet it. Once they have, what is unusual splits them into single walks.
 
 mod candidates;
-mod journey;
+mod instances;
 mod kernel;
 mod plain;
 mod portable;
@@ -25,20 +25,20 @@ mod vectors;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 
-use super::beams::WorldRays;
 use super::children::{LARGE, fetch};
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::found::Found;
 use super::level::{Level, only_instance};
+use super::level_ray::max;
+use super::level_rays::WorldRays;
 use super::rows::{HitRows, RayRows, blend};
-use super::space::max;
 use super::suspended::{Progress, Suspended};
 use super::{Event, PACKET, Verdict, Walk, WalkState, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
-use journey::Entering;
+use instances::Entering;
 use kernel::PacketKernel;
 use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]

@@ -11,15 +11,15 @@ use super::vectors;
 use super::{Packet, Stack, portable};
 use crate::layout::{GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child};
 use crate::structure::Structure;
-use crate::walk::beams::{AXIS, ROW, WorldRays};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
+use crate::walk::level_ray::{max, min};
+use crate::walk::level_rays::{AXIS, ROW, WorldRays};
 use crate::walk::micromap::{Seen, opacity_at};
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
-use crate::walk::space::{max, min};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 use crate::walk::triangle::Intersection;
 use crate::walk::{PACKET, Walker};
@@ -101,14 +101,14 @@ fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> (Eigh
 /// As with AVX-512.
 #[inline(always)]
 fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: &Lanes) -> (Lanes, Lanes) {
-    let (child, beams) = (child % WIDTH, &rays.beams);
-    let (mut near, mut far) = (beams.t_min, *t_far);
+    let (child, level_rays) = (child % WIDTH, &rays.level_rays);
+    let (mut near, mut far) = (level_rays.t_min, *t_far);
     for k in 0..3 {
         let row = rays.near_rows[k] / ROW as usize % 6;
         let (first, last) = (node.bound(row, child), node.bound(row ^ 1, child));
         for i in 0..PACKET {
-            let enter = (beams.origin[k][i] - first) * beams.near_inverse[k][i];
-            let leave = (beams.far_origin[k][i] - last) * beams.far_inverse[k][i];
+            let enter = (level_rays.origin[k][i] - first) * level_rays.near_inverse[k][i];
+            let leave = (level_rays.far_origin[k][i] - last) * level_rays.far_inverse[k][i];
             near[i] = max(enter, near[i]);
             far[i] = min(leave, far[i]);
         }
@@ -154,11 +154,16 @@ unsafe fn hit_in<K: Kernel>(
     found: &Found,
     hits: &mut GroupHits,
 ) -> u32 {
-    let (beams, interval) = (&rays.beams, [rays.beams.t_min[lane], found.t[lane]]);
+    let (level_rays, interval) = (
+        &rays.level_rays,
+        [rays.level_rays.t_min[lane], found.t[lane]],
+    );
     // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
     unsafe {
-        let beam = K::load_beam(beams, lane, interval[1]);
-        K::intersect_leaf(beams, lane, &beam, groups, triangles, interval, hits)
+        let box_ray = K::load_lane(level_rays, lane, interval[1]);
+        K::intersect_leaf(
+            level_rays, lane, &box_ray, groups, triangles, interval, hits,
+        )
     }
 }
 

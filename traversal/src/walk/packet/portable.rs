@@ -2,8 +2,8 @@
 
 use lanes::LaneMask;
 
+use crate::walk::level_ray::{max, min};
 use crate::walk::rows::{Lanes, Words};
-use crate::walk::space::{max, min};
 
 /// Lanes in which a number is not greater than another.
 #[inline(always)]

@@ -9,10 +9,10 @@ use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
 use crate::layout::{NodeAt, TriangleGroup, WIDTH};
 use crate::walk::PACKET;
-#[cfg(target_arch = "x86_64")]
-use crate::walk::beams::AXIS;
-use crate::walk::beams::{Beams, ROW};
 use crate::walk::group_hits::GroupHits;
+#[cfg(target_arch = "x86_64")]
+use crate::walk::level_rays::AXIS;
+use crate::walk::level_rays::{LevelRays, ROW};
 #[cfg(target_arch = "x86_64")]
 use crate::walk::rows::Lanes;
 
@@ -39,7 +39,7 @@ pub(super) fn store(lanes: &mut Lanes, value: __m512) {
 
 /// Rays that have their axes and the signs of their directions in common.
 pub(crate) struct Rays {
-    pub beams: Beams,
+    pub level_rays: LevelRays,
     /// Offsets in bytes of the rows of a node with the near planes.
     pub(super) near_rows: [usize; 3],
     /// Offsets in bytes of the axes in a vertex.
@@ -63,7 +63,7 @@ pub(super) struct Interval {
 
 impl Rays {
     pub const EMPTY: Rays = Rays {
-        beams: Beams::EMPTY,
+        level_rays: LevelRays::EMPTY,
         near_rows: [0; 3],
         axes: [0; 3],
         interval: Interval {
@@ -174,20 +174,20 @@ impl Rays {
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     pub fn test_box(&self, node: NodeAt<'_>, child: usize, t_far: __m512) -> LaneMask {
         let child = child % WIDTH;
-        let beams = &self.beams;
-        let mut near = load(&beams.t_min);
+        let level_rays = &self.level_rays;
+        let mut near = load(&level_rays.t_min);
         let mut far = t_far;
         for k in 0..3 {
             let row = self.near_rows[k] / ROW as usize % 6;
             let first = _mm512_set1_ps(node.bound(row, child));
             let last = _mm512_set1_ps(node.bound(row ^ 1, child));
             let enter = _mm512_mul_ps(
-                _mm512_sub_ps(load(&beams.origin[k]), first),
-                load(&beams.near_inverse[k]),
+                _mm512_sub_ps(load(&level_rays.origin[k]), first),
+                load(&level_rays.near_inverse[k]),
             );
             let leave = _mm512_mul_ps(
-                _mm512_sub_ps(load(&beams.far_origin[k]), last),
-                load(&beams.far_inverse[k]),
+                _mm512_sub_ps(load(&level_rays.far_origin[k]), last),
+                load(&level_rays.far_inverse[k]),
             );
             near = _mm512_max_ps(enter, near);
             far = _mm512_min_ps(leave, far);

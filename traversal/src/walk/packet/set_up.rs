@@ -5,8 +5,8 @@ use lanes::LaneMask;
 use super::kernel::PacketKernel;
 use super::rays::Rays;
 use crate::layout::InstanceRecord;
-use crate::walk::beams::{ROW, WorldRays};
-use crate::walk::space::MARGIN;
+use crate::walk::level_ray::MARGIN;
+use crate::walk::level_rays::{ROW, WorldRays};
 
 impl Rays {
     /// Sets the rays of `lanes` up for a top level; false if they are not alike.
@@ -20,7 +20,7 @@ impl Rays {
         origin_error: f32,
         lanes: LaneMask,
     ) -> bool {
-        self.beams.start_top(world_rays);
+        self.level_rays.start_top(world_rays);
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe { self.set_up::<K>(world_rays, Some(origin_error), lanes) }
     }
@@ -36,12 +36,12 @@ impl Rays {
         record: &InstanceRecord,
         lanes: LaneMask,
     ) -> bool {
-        self.beams.start_instance(world_rays, record);
+        self.level_rays.start_instance(world_rays, record);
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe { self.set_up::<K>(world_rays, None, lanes) }
     }
 
-    /// Sets rays up that the beams have taken, and finds what they have in common.
+    /// Sets rays up that `LevelRays` has taken, and finds what they have in common.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -54,28 +54,28 @@ impl Rays {
     ) -> bool {
         self.hits_of = 0;
         let first = lanes.first();
-        let ways = self.beams.ways();
+        let ways = self.level_rays.ways();
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         if unsafe { K::equal(&ways, ways[first]) } & lanes != lanes {
             return false;
         }
-        let sound = self.beams.set_up_together(world_rays, first);
+        let sound = self.level_rays.set_up_together(world_rays, first);
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         if unsafe { K::equal(&sound, 1) } & lanes != lanes {
             return false;
         }
         if let Some(origin_error) = origin_error {
-            self.beams.widen(world_rays, origin_error);
+            self.level_rays.widen(world_rays, origin_error);
         }
-        let (beams, interval) = (&self.beams, &mut self.interval);
+        let (level_rays, interval) = (&self.level_rays, &mut self.interval);
         let mut flat = lanes;
         for k in 0..3 {
-            let row = beams.near_rows[k][first];
+            let row = level_rays.near_rows[k][first];
             self.near_rows[k] = row as usize;
-            self.axes[k] = beams.axes[k][first] as usize;
+            self.axes[k] = level_rays.axes[k][first] as usize;
             let upper = row & ROW != 0;
-            let (origin, far_origin) = (&beams.origin[k], &beams.far_origin[k]);
-            let inverse = &beams.near_inverse[k];
+            let (origin, far_origin) = (&level_rays.origin[k], &level_rays.far_origin[k]);
+            let inverse = &level_rays.near_inverse[k];
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let [low, high] = unsafe {
                 flat &= K::flat(inverse);
@@ -95,7 +95,7 @@ impl Rays {
             };
         }
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        interval.t_min = unsafe { K::least(&beams.t_min, lanes) };
+        interval.t_min = unsafe { K::least(&level_rays.t_min, lanes) };
         flat == lanes
     }
 }

@@ -7,14 +7,14 @@ use lanes::LaneMask;
 use super::rays::{Rays, load, store};
 use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, TriangleGroup, child};
 use crate::structure::Structure;
-use crate::walk::beams::AXIS;
 use crate::walk::block;
 use crate::walk::edge_side::Rim;
 use crate::walk::found::Found;
 use crate::walk::group;
 use crate::walk::group_hits::GroupHits;
-use crate::walk::sight::LaneOf;
+use crate::walk::level_rays::AXIS;
 use crate::walk::triangle::{Intersection, ORDINARY, intersect, rounding};
+use crate::walk::triangle_ray::LaneOf;
 
 /// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where
 /// those are fewer.
@@ -58,12 +58,12 @@ fn test_singly(
 ) {
     let mut hits = GroupHits::NONE;
     for lane in lanes {
-        let interval = [rays.beams.t_min[lane], found.t[lane]];
+        let interval = [rays.level_rays.t_min[lane], found.t[lane]];
         // SAFETY: the machine has AVX2.
         let mut mask = unsafe {
             group::intersect(
                 LaneOf {
-                    beams: &rays.beams,
+                    level_rays: &rays.level_rays,
                     lane,
                 },
                 groups,
@@ -166,15 +166,15 @@ pub(super) fn intersect_triangle(
     lanes: LaneMask,
     t_far: __m512,
 ) -> Option<TriangleHits> {
-    let beams = &rays.beams;
+    let level_rays = &rays.level_rays;
     let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
     let moved = |vertex: usize, k: usize| {
         _mm512_sub_ps(
-            load(&beams.origin[k]),
+            load(&level_rays.origin[k]),
             _mm512_set1_ps(group.vertices[vertex][axes[k]][i]),
         )
     };
-    let (shear_x, shear_y) = (load(&beams.shear[0]), load(&beams.shear[1]));
+    let (shear_x, shear_y) = (load(&level_rays.shear[0]), load(&level_rays.shear[1]));
     let flat = |vertex: usize| -> ShearedRow {
         let z = moved(vertex, 2);
         (
@@ -223,13 +223,13 @@ pub(super) fn intersect_triangle(
         _mm512_mul_ps(w, _mm512_sub_ps(c.2, a.2)),
     );
     let z_hit = _mm512_add_ps(a.2, t);
-    let inverse_z = load(&beams.inverse_z);
+    let inverse_z = load(&level_rays.inverse_z);
     let t = _mm512_mul_ps(z_hit, inverse_z);
     let room = _mm512_mul_ps(
         _mm512_mul_ps(_mm512_mul_ps(error, size), _mm512_abs_ps(inverse_z)),
         _mm512_set1_ps(1.5 * group.margin.reach),
     );
-    let apart = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, room), load(&beams.t_min))
+    let apart = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, room), load(&level_rays.t_min))
         | _mm512_cmp_ps_mask::<_CMP_GT_OQ>(_mm512_sub_ps(t, room), t_far);
     let inside = inside & !(decided & apart);
     if inside == 0 {
@@ -270,12 +270,12 @@ pub(super) fn intersect_triangle(
             tiny,
         ),
     );
-    let limit = _mm512_mul_ps(_mm512_set1_ps(beams.tolerance), _mm512_abs_ps(z_hit));
+    let limit = _mm512_mul_ps(_mm512_set1_ps(level_rays.tolerance), _mm512_abs_ps(z_hit));
     let precise = decided
         & inside
         & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(z_error, limit)
         & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(weight_error, _mm512_set1_ps(rounding::MOST));
-    let t = _mm512_div_ps(z_hit, load(&beams.direction_z));
+    let t = _mm512_div_ps(z_hit, load(&level_rays.direction_z));
     let mut near = _mm512_set1_ps(f32::NEG_INFINITY);
     let mut far = _mm512_set1_ps(f32::INFINITY);
     for k in 0..3 {
@@ -286,14 +286,17 @@ pub(super) fn intersect_triangle(
         } else {
             (low, high)
         };
-        let origin = load(&beams.origin[k]);
+        let origin = load(&level_rays.origin[k]);
         let enter = _mm512_sub_ps(origin, _mm512_set1_ps(first));
         let leave = _mm512_sub_ps(origin, _mm512_set1_ps(last));
-        near = _mm512_max_ps(_mm512_mul_ps(enter, load(&beams.near_inverse[k])), near);
-        far = _mm512_min_ps(_mm512_mul_ps(leave, load(&beams.far_inverse[k])), far);
+        near = _mm512_max_ps(
+            _mm512_mul_ps(enter, load(&level_rays.near_inverse[k])),
+            near,
+        );
+        far = _mm512_min_ps(_mm512_mul_ps(leave, load(&level_rays.far_inverse[k])), far);
     }
     let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
-    let accepted = precise & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
+    let accepted = precise & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&level_rays.t_min));
     Some(TriangleHits {
         lanes: LaneMask::from_bits(accepted),
         undecided: LaneMask::from_bits(inside & !precise),
@@ -323,8 +326,8 @@ fn test_exactly(
     found: &mut Found,
 ) {
     for lane in lanes {
-        if let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Included)
-            && hit.t > rays.beams.t_min[lane]
+        if let Some(hit) = intersect(&rays.level_rays.of_lane(lane), triangle, Rim::Included)
+            && hit.t > rays.level_rays.t_min[lane]
         {
             found.offer(structure, lane, slot, &hit);
         }

@@ -13,10 +13,10 @@ use super::triangle;
 use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
 use crate::structure::Structure;
 use crate::walk::Walker;
-use crate::walk::beams::WorldRays;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
+use crate::walk::level_rays::WorldRays;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 

@@ -10,12 +10,12 @@ use crate::layout::{child, instance_state};
 use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
 use crate::walk::PACKET;
-use crate::walk::beams::Beams;
 use crate::walk::children::LARGE;
 use crate::walk::entry::{Entry, STACK};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::level::Level;
+use crate::walk::level_rays::LevelRays;
 use crate::walk::opaque::Nearest;
 
 /// Fewer rays are not worth streams of their own.
@@ -28,7 +28,7 @@ pub(super) struct Top<'a> {
     pub bottom: &'a mut Level,
     pub instance: &'a mut InstanceFacts,
     pub hits: &'a mut GroupHits,
-    pub beams: &'a mut Beams,
+    pub level_rays: &'a mut LevelRays,
     /// The rays in an instance.
     pub inner: &'a mut Stream,
     /// Where rays have found something.
@@ -73,7 +73,7 @@ impl LeafVisitor for Top<'_> {
         let listed = list.first as usize..(list.first + list.count) as usize;
         for offsets in stream.words[listed].chunks(PACKET) {
             let (world_rays, t_far, names) = rays::world_rays(&stream.rays, offsets);
-            let sound = self.beams.set_up(&world_rays, &record);
+            let sound = self.level_rays.set_up(&world_rays, &record);
             let mut going = LaneMask::NONE;
             for (lane, &offset) in offsets.iter().enumerate() {
                 let ray = &mut stream.rays[rays::index(offset)];
@@ -83,7 +83,7 @@ impl LeafVisitor for Top<'_> {
                     ray.leave();
                 }
             }
-            let put = |places: &mut _| rays::put(self.beams, &t_far, &names, places);
+            let put = |places: &mut _| rays::put(self.level_rays, &t_far, &names, places);
             inner.add(sound & going, put, |lane| {
                 let index = rays::index(offsets[lane]);
                 let best = &stream.best[index];
@@ -102,7 +102,7 @@ impl LeafVisitor for Top<'_> {
             bottom: self.bottom,
             instance: self.instance,
             hits: self.hits,
-            beams: self.beams,
+            level_rays: self.level_rays,
             fetches_ahead: self.fetches_ahead && self.bottom.structure.node_count() > LARGE,
         };
         // SAFETY: the caller guarantees that the machine has the instruction set; the list is one

@@ -9,12 +9,12 @@ use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, c
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::avx::Avx;
-use crate::walk::beams::Beams;
 use crate::walk::entry::{Entry, STACK};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
+use crate::walk::level_rays::LevelRays;
 use crate::walk::micromap::{Seen, opacity_at};
 use crate::walk::opaque::{End, Nearest, Opaque, Pending};
 use crate::walk::{block, group};
@@ -25,7 +25,7 @@ pub(super) struct Bottom<'a> {
     pub bottom: &'a Level,
     pub instance: &'a InstanceFacts,
     pub hits: &'a mut GroupHits,
-    pub beams: &'a mut Beams,
+    pub level_rays: &'a mut LevelRays,
     pub fetches_ahead: bool,
 }
 
@@ -52,7 +52,7 @@ impl LeafVisitor for Bottom<'_> {
             bottom,
             instance,
             hits: found,
-            beams,
+            level_rays,
             ..
         } = self;
         let word = list.word;
@@ -108,7 +108,13 @@ impl LeafVisitor for Bottom<'_> {
             let interval = [best.t_min, best.t];
             // SAFETY: the machine has AVX2.
             let mut mask = unsafe {
-                group::intersect(View(ray, beams.tolerance), groups, lanes, interval, found)
+                group::intersect(
+                    View(ray, level_rays.tolerance),
+                    groups,
+                    lanes,
+                    interval,
+                    found,
+                )
             };
             while mask != 0 {
                 let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
@@ -164,7 +170,7 @@ impl LeafVisitor for Bottom<'_> {
             if !ray.is_on_its_way() {
                 continue;
             }
-            ray.put(self.beams, 0);
+            ray.put(self.level_rays, 0);
             self.stack[0] = Entry::new(list.word, 0.0);
             let mut pending = Pending {
                 stack: self.stack,
@@ -175,7 +181,7 @@ impl LeafVisitor for Bottom<'_> {
             let way = Opaque {
                 structure: &self.bottom.structure,
                 instance: self.instance,
-                beams: self.beams,
+                level_rays: self.level_rays,
                 lane: 0,
                 committed: Some(&committed),
                 fetches_ahead: self.fetches_ahead,

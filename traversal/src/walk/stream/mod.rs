@@ -22,10 +22,10 @@ mod octant_stacks;
 mod rays;
 mod waiting;
 
-use super::beams::WorldRays;
 use super::children::LARGE;
 use super::facts::InstanceFacts;
 use super::level::only_instance;
+use super::level_rays::WorldRays;
 use super::opaque::Nearest;
 use super::options::Specialisation;
 use super::rows::{HitRows, RayRows, Words};
@@ -89,7 +89,7 @@ impl Walker {
     fn set_up(&mut self, rays: &RayRows, lanes: LaneMask, group: u32) -> LaneMask {
         let Walker {
             top,
-            beams,
+            level_rays,
             streams,
             ..
         } = self;
@@ -101,14 +101,15 @@ impl Walker {
             let Some(record) = top.structure.instance(index) else {
                 return LaneMask::NONE;
             };
-            let sound = beams.set_up(&world_rays, &record);
-            let put = |places: &mut _| rays::put(beams, t_far, &names, places);
+            let sound = level_rays.set_up(&world_rays, &record);
+            let put = |places: &mut _| rays::put(level_rays, t_far, &names, places);
             streams.outer.add(sound, put, found);
             sound
         } else {
             let origin_error = top.structure.origin_error();
-            let sound = beams.set_up_top(&world_rays, 0.0);
-            let put = |places: &mut _| rays::put_at_top(beams, origin_error, t_far, &names, places);
+            let sound = level_rays.set_up_top(&world_rays, 0.0);
+            let put =
+                |places: &mut _| rays::put_at_top(level_rays, origin_error, t_far, &names, places);
             streams.outer.add(sound, put, found);
             sound
         }
@@ -175,7 +176,7 @@ impl Walker {
             bottom,
             instance,
             hits,
-            beams,
+            level_rays,
             streams,
             ..
         } = self;
@@ -192,7 +193,7 @@ impl Walker {
                 bottom,
                 instance,
                 hits,
-                beams,
+                level_rays,
                 fetches_ahead: fetches_ahead && bottom.structure.node_count() > LARGE,
             };
             // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine
@@ -208,7 +209,7 @@ impl Walker {
             bottom,
             instance,
             hits,
-            beams,
+            level_rays,
             inner,
             instances,
             ray: &ray,

@@ -4,13 +4,13 @@ use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
 use crate::walk::PACKET;
-use crate::walk::beams::{AXIS, Beams, BoxRays, ROW, WorldRays};
+use crate::walk::level_ray::min;
+use crate::walk::level_rays::{AXIS, BoxRays, LevelRays, ROW, WorldRays};
 use crate::walk::rows::{Lanes, Words};
-use crate::walk::sight::Sight;
-use crate::walk::space::min;
+use crate::walk::triangle_ray::TriangleRay;
 
 /// A ray in its bottom level: a line for boxes, by the axes of space, and a line for triangles, by
-/// its own; see [`Beams`].
+/// its own; see [`LevelRays`].
 #[derive(Clone, Copy)]
 #[repr(C, align(128))]
 pub(super) struct StreamRay {
@@ -121,23 +121,24 @@ impl StreamRay {
     }
 
     /// Sets a lane up as this ray is.
-    pub fn put(&self, beams: &mut Beams, lane: usize) {
+    pub fn put(&self, level_rays: &mut LevelRays, lane: usize) {
         for k in 0..3 {
             let axis = usize::from(self.axes[k] / AXIS as u8) % 3;
-            beams.origin[k][lane] = self.own_origin[k];
-            beams.far_origin[k][lane] = -self.minus_far_origin[axis];
-            beams.near_inverse[k][lane] = self.own_near_inverse[k];
-            beams.far_inverse[k][lane] = self.own_far_inverse[k];
-            beams.near_rows[k][lane] = axis as u32 * (2 * ROW) + (self.octant >> axis & 1) * ROW;
-            beams.axes[k][lane] = self.axes[k].into();
-            beams.space_origin[k][lane] = -self.minus_origin[k];
-            beams.space_direction[k][lane] = self.direction[k];
+            level_rays.origin[k][lane] = self.own_origin[k];
+            level_rays.far_origin[k][lane] = -self.minus_far_origin[axis];
+            level_rays.near_inverse[k][lane] = self.own_near_inverse[k];
+            level_rays.far_inverse[k][lane] = self.own_far_inverse[k];
+            level_rays.near_rows[k][lane] =
+                axis as u32 * (2 * ROW) + (self.octant >> axis & 1) * ROW;
+            level_rays.axes[k][lane] = self.axes[k].into();
+            level_rays.space_origin[k][lane] = -self.minus_origin[k];
+            level_rays.space_direction[k][lane] = self.direction[k];
         }
-        beams.shear[0][lane] = self.shear[0];
-        beams.shear[1][lane] = self.shear[1];
-        beams.inverse_z[lane] = self.inverse_z;
-        beams.direction_z[lane] = View(self, 0.0).direction_z();
-        beams.t_min[lane] = self.t_min;
+        level_rays.shear[0][lane] = self.shear[0];
+        level_rays.shear[1][lane] = self.shear[1];
+        level_rays.inverse_z[lane] = self.inverse_z;
+        level_rays.direction_z[lane] = View(self, 0.0).direction_z();
+        level_rays.t_min[lane] = self.t_min;
     }
 }
 
@@ -145,7 +146,7 @@ impl StreamRay {
 #[derive(Clone, Copy)]
 pub(super) struct View<'a>(pub &'a StreamRay, pub f32);
 
-impl Sight for View<'_> {
+impl TriangleRay for View<'_> {
     #[inline(always)]
     fn origin(self, axis: usize) -> f32 {
         self.0.own_origin[axis]
@@ -196,35 +197,35 @@ impl Sight for View<'_> {
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn put(
-    beams: &Beams,
+    level_rays: &LevelRays,
     t_far: &Lanes,
     names: &Words,
     places: &mut [MaybeUninit<StreamRay>; PACKET],
 ) -> Words {
-    let boxes = beams.by_axes(None);
+    let boxes = level_rays.by_axes(None);
     let mut axes = [0; PACKET];
     for i in 0..PACKET {
-        axes[i] = beams.axes[0][i] | beams.axes[1][i] << 8 | beams.axes[2][i] << 16;
+        axes[i] = level_rays.axes[0][i] | level_rays.axes[1][i] << 8 | level_rays.axes[2][i] << 16;
     }
     let last = transpose([
-        load(&beams.origin[0]),
-        load(&beams.origin[1]),
-        load(&beams.origin[2]),
-        load(&beams.near_inverse[0]),
-        load(&beams.near_inverse[1]),
-        load(&beams.near_inverse[2]),
-        load(&beams.far_inverse[0]),
-        load(&beams.far_inverse[1]),
-        load(&beams.far_inverse[2]),
-        load(&beams.shear[0]),
-        load(&beams.shear[1]),
-        load(&beams.inverse_z),
+        load(&level_rays.origin[0]),
+        load(&level_rays.origin[1]),
+        load(&level_rays.origin[2]),
+        load(&level_rays.near_inverse[0]),
+        load(&level_rays.near_inverse[1]),
+        load(&level_rays.near_inverse[2]),
+        load(&level_rays.far_inverse[0]),
+        load(&level_rays.far_inverse[1]),
+        load(&level_rays.far_inverse[2]),
+        load(&level_rays.shear[0]),
+        load(&level_rays.shear[1]),
+        load(&level_rays.inverse_z),
         load_words(&axes),
-        load(&beams.space_direction[0]),
-        load(&beams.space_direction[1]),
-        load(&beams.space_direction[2]),
+        load(&level_rays.space_direction[0]),
+        load(&level_rays.space_direction[1]),
+        load(&level_rays.space_direction[2]),
     ]);
-    with_boxes(beams, &boxes, t_far, names, last, places)
+    with_boxes(level_rays, &boxes, t_far, names, last, places)
 }
 
 /// Puts rays that were set up together in a top level down one after the other; returns their
@@ -232,19 +233,19 @@ pub(super) fn put(
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn put_at_top(
-    beams: &Beams,
+    level_rays: &LevelRays,
     origin_error: f32,
     t_far: &Lanes,
     names: &Words,
     places: &mut [MaybeUninit<StreamRay>; PACKET],
 ) -> Words {
-    let boxes = beams.by_axes(Some(origin_error));
+    let boxes = level_rays.by_axes(Some(origin_error));
     let mut last = [[_mm256_setzero_ps(); 2]; PACKET];
     for axis in 0..3 {
-        last[axis] = load(&beams.space_origin[axis]);
-        last[13 + axis] = load(&beams.space_direction[axis]);
+        last[axis] = load(&level_rays.space_origin[axis]);
+        last[13 + axis] = load(&level_rays.space_direction[axis]);
     }
-    with_boxes(beams, &boxes, t_far, names, transpose(last), places)
+    with_boxes(level_rays, &boxes, t_far, names, transpose(last), places)
 }
 
 /// The rays of a list in a top level, for the places of an instance; there are sixteen at most.
@@ -286,7 +287,7 @@ pub(super) fn world_rays(rays: &[StreamRay], offsets: &[u32]) -> (WorldRays, Lan
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn with_boxes(
-    beams: &Beams,
+    level_rays: &LevelRays,
     boxes: &BoxRays,
     t_far: &Lanes,
     names: &Words,
@@ -295,7 +296,7 @@ fn with_boxes(
 ) -> Words {
     let mut octants = [0; PACKET];
     for i in 0..PACKET {
-        let d = &beams.space_direction;
+        let d = &level_rays.space_direction;
         octants[i] = u32::from(d[0][i] < 0.0)
             | u32::from(d[1][i] < 0.0) << 1
             | u32::from(d[2][i] < 0.0) << 2;
@@ -304,7 +305,7 @@ fn with_boxes(
         minus(&boxes.origin[0]),
         minus(&boxes.origin[1]),
         minus(&boxes.origin[2]),
-        load(&beams.t_min),
+        load(&level_rays.t_min),
         load(&boxes.near_inverse[0]),
         load(&boxes.near_inverse[1]),
         load(&boxes.near_inverse[2]),

@@ -6,8 +6,8 @@ use std::convert::Infallible;
 use anyhow::{Context, Result};
 use scenes::{Bytes, IDENTITY, InstanceRecord, Mesh, build_instances};
 use traversal::{
-    BuildFlags, BuildInput, Flight, Flights, Geometries, Hit, Kind, LaneMask, PACKET, Ray, RayRows,
-    Start, Verdict, Walk, Walker, build, build_sizes,
+    BuildFlags, BuildInput, Geometries, GroupWalk, GroupWalks, Hit, Kind, LaneMask, PACKET, Ray,
+    RayRows, Start, Verdict, Walk, Walker, build, build_sizes,
 };
 
 /// Memory for the bottom level of a mesh, taken before the clock starts, as applications do.
@@ -63,11 +63,11 @@ pub enum How {
 struct Batch<'a> {
     top_level: u64,
     rays: &'a [Ray],
-    flights: Vec<Flight>,
+    group_walks: Vec<GroupWalk>,
     in_turn: bool,
 }
 
-impl Flights for Batch<'_> {
+impl GroupWalks for Batch<'_> {
     type Stop = Infallible;
 
     fn rays(&self, group: u32, rows: &mut RayRows) -> Start {
@@ -83,8 +83,8 @@ impl Flights for Batch<'_> {
         }
     }
 
-    fn flight(&mut self, group: u32) -> &mut Flight {
-        &mut self.flights[group as usize]
+    fn group_walk(&mut self, group: u32) -> &mut GroupWalk {
+        &mut self.group_walks[group as usize]
     }
 
     fn settled(&mut self, _: u32) -> Result<(), Infallible> {
@@ -124,7 +124,7 @@ impl Tuff {
         let mut batch = Batch {
             top_level: self.top.address(),
             rays: &[],
-            flights: (0..BATCH).map(|_| Flight::default()).collect(),
+            group_walks: (0..BATCH).map(|_| GroupWalk::default()).collect(),
             in_turn: how != How::Packets,
         };
         let all: Vec<u32> = (0..BATCH as u32).collect();
@@ -136,7 +136,7 @@ impl Tuff {
                 let Ok(()) = unsafe { walker.trace(groups, &[], &mut batch) };
             }
             for i in 0..rays.len() {
-                done(batch.flights[i / PACKET].hits.get(i % PACKET).as_ref());
+                done(batch.group_walks[i / PACKET].hits.get(i % PACKET).as_ref());
             }
         }
     }

@@ -92,7 +92,7 @@ fn draw(state: GraphicsState, positions: &[[f32; 4]], calls: &[DrawCall]) -> Dra
         indices: None,
         calls: calls.iter().copied().collect(),
         counters: smallvec![Arc::default()],
-        capture: None,
+        feedback: None,
     }
 }
 

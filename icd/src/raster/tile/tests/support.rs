@@ -215,7 +215,7 @@ pub fn draw(state: GraphicsState, fragment: Option<Arc<Program>>) -> Draw {
         indices: None,
         calls: SmallVec::new(),
         counters: SmallVec::from_iter([Arc::new(Counters::default())]),
-        capture: None,
+        feedback: None,
     }
 }
 
