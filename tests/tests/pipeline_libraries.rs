@@ -117,8 +117,8 @@ fn thousands_of_groups_are_linked() {
     let set = gpu.set_of(&[world.into(), results.into()]);
     let layout = gpu.layout(&[set.layout]);
     let parts = Parts { gpu: &gpu, layout };
-    // The first library's groups are all of one shader, as materials are; the second's are of two
-    // by turns.
+    // The first library's groups are all of one shader, as materials are; the second's
+    // alternate between two.
     let [thousand, million, more] =
         ["1000u", "1000000u", "2000000u"].map(|added| HIT.replace("ADDED", added));
     let groups = vec![hit_group(0); count as usize];

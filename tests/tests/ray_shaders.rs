@@ -611,7 +611,7 @@ fn payloads_longer_than_those_of_callers_stay_apart() {
     }
 }
 
-/// Traces and calls by turns: what one leaves is not what the next is given.
+/// Traces and calls alternate: neither sees data that the other has left.
 #[test]
 fn traces_and_calls_take_turns() {
     let gpu = Gpu::new();

@@ -14,7 +14,7 @@ const WAIT: u32 = 6143;
 const RELEASE: u32 = 0x144;
 const ACQUIRE: u32 = 0x142;
 
-/// A shader whose control barriers become halves, by turns.
+/// Compiles a shader and makes its control barriers arrivals and waits, alternating.
 fn split(source: &str) -> Vec<u32> {
     let words = glsl(Stage::Compute, source);
     let words = with_capability(&words, CAPABILITY, "SPV_EXT_split_barrier");

@@ -14,7 +14,7 @@ pub enum Bounds {
     Shading,
     Launching,
     Building,
-    /// All of these by turns, as in applications.
+    /// All of these, alternating, as in applications.
     Programs,
     Drawing,
 }

@@ -28,7 +28,7 @@ pub(super) trait Register: Copy {
     unsafe fn or(self, other: Self) -> Self;
     unsafe fn shift_left(self, bits: u32) -> Self;
     unsafe fn shift_right(self, bits: u32) -> Self;
-    /// The first words of two registers by turns.
+    /// Interleaves the low words of two registers.
     unsafe fn low_words(self, other: Self) -> Self;
     unsafe fn high_words(self, other: Self) -> Self;
     /// The first 64 bits of one and of another.
