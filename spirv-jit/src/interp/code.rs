@@ -130,6 +130,9 @@ pub(super) struct LoopPlan {
     /// the code of those.
     pub together: usize,
     pub single: usize,
+    /// Parameters that are the same in all subgroups that take it together, and which of those have
+    /// 64 bits.
+    pub shared: Vec<(Operand, bool)>,
     /// Memory that it loads from: descriptors that are uniform.
     pub regions: Vec<Operand>,
     /// Code accesses memory of a subgroup's own.

@@ -6,11 +6,13 @@ use super::encode::{
 };
 
 mod carry;
+mod exit;
 mod gather;
 mod private;
 mod words;
 
-pub(super) use carry::{Alike, Carried, Turn, allocate_turn};
+pub(super) use carry::{Alike, Carried, Outside, Turn, allocate_turn};
+pub(super) use exit::{Exit, Left};
 #[cfg(test)]
 pub(super) use words::{broadcast_word, first_word};
 
@@ -102,6 +104,10 @@ pub(super) enum Form {
     /// Stores the second operand, in lanes of the first, to the result's place in memory; the
     /// result's register is scratch.
     Leave,
+    /// All lanes leave the loop where the operand is `when`. AVX2 only.
+    Exit { index: usize, when: bool },
+    /// Behind [`Form::Exit`]: that one reads the operands.
+    Hold,
 }
 
 impl Form {
@@ -140,6 +146,9 @@ pub(super) enum Vote {
     /// It has none.
     None,
 }
+
+/// The number of all subgroups that take a loop together: of steps that give the same to each.
+pub(super) const TURNS_TOGETHER: u8 = u8::MAX;
 
 /// An instruction of the stretch.
 #[derive(Clone, Copy)]
@@ -232,6 +241,10 @@ struct Allocation<'a> {
     evictions: usize,
     /// Where steps put registers aside on the stack.
     aside: Option<i32>,
+    /// Of a loop.
+    outside: Option<Outside<'a>>,
+    /// Jumps to the end of the loop.
+    exits: Vec<usize>,
 }
 
 /// Of a loop's part of the stack, at most.
@@ -260,6 +273,8 @@ impl<'a> Allocation<'a> {
             spills: 0,
             evictions: 0,
             aside: None,
+            outside: None,
+            exits: Vec::new(),
         }
     }
 
@@ -274,10 +289,21 @@ impl<'a> Allocation<'a> {
     }
 
     fn step(&mut self, step: &Step, after: [u32; 3]) -> Result<(), TooManyLive> {
-        if step.form == Form::LoadFours {
-            return self.load_fours(step, after);
-        }
         let from = &step.from[..step.count];
+        match step.form {
+            Form::LoadFours => return self.load_fours(step, after),
+            Form::Exit { index, when } => return self.exit(step, (index, when), after),
+            Form::Hold => {
+                for (&value, after) in from.iter().zip(after) {
+                    self.next[value as usize] = after;
+                    if after == NEVER && !self.is_to_be_stored(value) {
+                        self.release(value);
+                    }
+                }
+                return Ok(());
+            }
+            _ => {}
+        }
         // Which operand stays in memory: the last, if nothing else will want it in a register.
         let in_memory = |a: &Self, k: usize| {
             let info = &a.values[from[k] as usize];
@@ -414,7 +440,9 @@ impl<'a> Allocation<'a> {
             Form::GatherRows => self.gather_rows(step, to, [a, b].map(register)),
             Form::ScatterRows => return self.scatter_rows(step, operands.map(register)),
             Form::Leave => self.leave(step, to, register(a), register(b)),
-            Form::MultiplyAdd | Form::LoadFours => unreachable!("has its own function"),
+            Form::MultiplyAdd | Form::LoadFours | Form::Exit { .. } | Form::Hold => {
+                unreachable!("has its own function")
+            }
         }
         Ok(())
     }
@@ -524,7 +552,9 @@ impl<'a> Allocation<'a> {
         }
         let register = self.take(value, from)?;
         let home = self.values[value as usize].home.ok_or(TooManyLive)?;
-        self.spills += matches!(home, Memory::At(Base::Stack, _)) as usize;
+        // Values for all turns are on the stack, too.
+        let own = self.outside.map_or(0, |outside| outside.stack_bytes);
+        self.spills += matches!(home, Memory::At(Base::Stack, at) if at >= own) as usize;
         let home = Operand::Memory(home);
         match self.values[value as usize].class {
             Class::Vector => self.assembler.vector(LOAD, (register, 0, home), 0, None),

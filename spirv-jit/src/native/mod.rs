@@ -31,7 +31,9 @@ pub use listing::NativeCounts;
 pub(crate) use listing::{Listed, ListedTurns, count, text};
 pub(crate) use memory::Executable;
 pub use memory::{CodePages, provide};
-pub(crate) use stretch::{IrOperand, Lanes, Merged, PrivateRow, Stretch, Turns, ValueRow};
+pub(crate) use stretch::{
+    IrOperand, Lanes, Merged, PrivateRow, Sameness, Stretch, Turns, ValueRow,
+};
 
 /// A stretch: the first subgroup's frame, the uniform rows, how many subgroups follow one another,
 /// how many bytes their frames are apart, and the subgroups' masks of active lanes.

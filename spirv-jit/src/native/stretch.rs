@@ -9,7 +9,10 @@ use super::opcodes::*;
 use crate::ir::{Op, Type, Value};
 
 mod across;
+mod assemble;
+mod exits;
 mod halves;
+mod hoist;
 mod lower;
 mod private;
 #[cfg(test)]
@@ -18,7 +21,7 @@ mod turns;
 mod weave;
 
 pub(crate) use private::PrivateRow;
-pub(crate) use turns::{Lanes, Merged, Turns};
+pub(crate) use turns::{Lanes, Merged, Sameness, Turns};
 use weave::Woven;
 
 /// The row of a value in a frame, or among uniform rows.
@@ -312,8 +315,13 @@ impl Stretch {
             let home = stretch.home(place, k);
             stretch.value(class, home, true)
         };
-        let held = match place.ty.rows() {
-            2 => Held::Two(part(self, 0), part(self, 1)),
+        let held = match (place.ty.rows(), place.row) {
+            (2, ValueRow::Uniform(_)) => {
+                // All lanes are equal.
+                let both = part(self, 0);
+                Held::Two(both, both)
+            }
+            (2, _) => Held::Two(part(self, 0), part(self, 1)),
             _ => Held::One(part(self, 0)),
         };
         self.hold(place.value, held);

@@ -6,12 +6,25 @@ use crate::SUBGROUP_SIZE;
 use crate::ir::op::SubgroupOp;
 use crate::ir::{Inst, Node, Op, Space, Step, Terminator, Value};
 
-/// Values that a loop defines and that are the same in all lanes of a subgroup that come to them.
+/// The lanes among which values are to be the same.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Extent {
+    /// Those of a subgroup.
+    Subgroup,
+    /// Those of all subgroups that take a loop together, which enter it with the same parameters.
+    Together,
+}
+
+/// Values that a loop defines and that are the same in all lanes of an extent that come to them.
 /// `is_uniform` tells values from outside that are the same in all lanes.
 ///
 /// Lanes that take a turn have all taken the turns before. So a parameter is one of these values if
 /// the loop is entered with such a value, and all ways back hand one and the same such value on.
-pub(super) fn alike(node: &Node, is_uniform: impl Fn(Value) -> bool) -> HashSet<Value> {
+pub(super) fn alike(
+    node: &Node,
+    extent: Extent,
+    is_uniform: impl Fn(Value) -> bool,
+) -> HashSet<Value> {
     let Node::Loop { params, init, .. } = node else {
         return HashSet::default();
     };
@@ -22,7 +35,7 @@ pub(super) fn alike(node: &Node, is_uniform: impl Fn(Value) -> bool) -> HashSet<
         .collect();
     // Fewer in each round.
     loop {
-        let (found, lost) = turn(node, &held, &is_uniform);
+        let (found, lost) = turn(node, extent, &held, &is_uniform);
         if lost.is_empty() {
             return found;
         }
@@ -34,6 +47,7 @@ pub(super) fn alike(node: &Node, is_uniform: impl Fn(Value) -> bool) -> HashSet<
 /// not alike in the next turn.
 fn turn(
     node: &Node,
+    extent: Extent,
     held: &HashSet<Value>,
     is_uniform: impl Fn(Value) -> bool,
 ) -> (HashSet<Value>, HashSet<Value>) {
@@ -51,7 +65,7 @@ fn turn(
     for step in body.steps() {
         match step {
             Step::Inst(inst) => {
-                if gives_alike(inst, |arg| found.contains(&arg) || is_uniform(arg)) {
+                if gives_alike(inst, extent, |arg| found.contains(&arg) || is_uniform(arg)) {
                     found.extend(&inst.results);
                 }
             }
@@ -77,14 +91,18 @@ fn turn(
 }
 
 /// Whether an operation gives all lanes the same. `is_alike` tells operands that are the same.
-fn gives_alike(inst: &Inst, is_alike: impl Fn(Value) -> bool) -> bool {
+fn gives_alike(inst: &Inst, extent: Extent, is_alike: impl Fn(Value) -> bool) -> bool {
     use SubgroupOp::*;
     let are_alike = || inst.args.iter().all(|&arg| is_alike(arg));
+    let is_together = extent == Extent::Together;
     match inst.op {
         Op::Load(access) => {
-            let is_shared = matches!(access.space, Space::Buffer | Space::Shared);
+            // Subgroups may be of several workgroups.
+            let is_shared =
+                access.space == Space::Buffer || access.space == Space::Shared && !is_together;
             is_shared && !access.volatile && are_alike()
         }
+        Op::Subgroup(_) if is_together => false,
         Op::Subgroup(All | Any | AllEqual | Ballot | BroadcastFirst) => true,
         Op::Subgroup(Reduce { cluster, .. }) => usize::from(cluster) == SUBGROUP_SIZE,
         Op::Subgroup(Shuffle) => is_alike(inst.args[1]),

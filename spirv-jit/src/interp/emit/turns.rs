@@ -4,7 +4,7 @@
 use foldhash::{HashMap, HashSet};
 use smallvec::SmallVec;
 
-use super::alike::alike;
+use super::alike::{Extent, alike};
 use super::native::{ALIGNMENT, Native};
 use super::{Emitter, instr};
 use crate::interp::code::LoopPlan;
@@ -14,8 +14,8 @@ use crate::ir::op::{Access, SubgroupOp};
 use crate::ir::stage::Stage;
 use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value, VariableId};
 use crate::native::{
-    Encoding, IrOperand, Lanes, ListedTurns, MAX_REGIONS, Merged, PrivateRow, Turns, ValueRow,
-    WORKGROUP,
+    Encoding, IrOperand, Lanes, ListedTurns, MAX_REGIONS, Merged, PrivateRow, Sameness, Turns,
+    ValueRow, WORKGROUP,
 };
 use crate::plan::takes_helpers;
 
@@ -50,6 +50,7 @@ struct Written {
     branches: usize,
     /// As [`LoopPlan`] has them.
     left_to: u32,
+    shared: Vec<(Operand, bool)>,
     regions: Vec<Operand>,
     takes_own: bool,
 }
@@ -77,6 +78,8 @@ struct Ways<'m> {
     regions: Vec<Operand>,
     /// Values that are the same in all lanes that come to them.
     alike: HashSet<Value>,
+    /// Those of them that are the same in all subgroups that take the loop together.
+    shared: HashSet<Value>,
     /// Products with constants, and what lanes have in common added: how far apart the values of
     /// neighbouring lanes are, if those were multiplied that are one apart.
     distances: HashMap<Value, u32>,
@@ -178,7 +181,8 @@ impl<'m> Emitter<'m> {
         let Some(single) = self.assemble_turns(node, 1) else {
             return false;
         };
-        let together = (self.most_together(&single).iter())
+        let is_across = matches!(node, Node::Loop { body, .. } if needs_both_halves(body));
+        let together = (self.most_together(&single, is_across).iter())
             .find_map(|&count| Some((count, self.assemble_turns(node, count)?)));
         let is_slow = together.is_none()
             && single.branches < LEAST_BRANCHES
@@ -186,9 +190,9 @@ impl<'m> Emitter<'m> {
         if is_slow || single.operations < OPERATIONS_OF_LOAD * indirect_loads(node) {
             return false;
         }
-        let (together, mut code) = match together {
-            Some((count, written)) => (count, written.code),
-            None => (1, Vec::new()),
+        let (together, shared, mut code) = match together {
+            Some((count, written)) => (count, written.shared, written.code),
+            None => (1, Vec::new(), Vec::new()),
         };
         code.resize(code.len().next_multiple_of(ALIGNMENT), 0);
         let run = super::Instr {
@@ -204,6 +208,7 @@ impl<'m> Emitter<'m> {
             left_to: single.left_to,
             together,
             single: turns.single,
+            shared,
             regions: single.regions,
             takes_own: single.takes_own,
         });
@@ -212,13 +217,15 @@ impl<'m> Emitter<'m> {
         true
     }
 
-    /// How many subgroups may take a loop together: the most first.
-    fn most_together(&self, single: &Written) -> &'static [usize] {
+    /// How many subgroups may take a loop together: the most first. `is_across`: see
+    /// [`needs_both_halves`].
+    fn most_together(&self, single: &Written, is_across: bool) -> &'static [usize] {
         let is_long = |count: usize| count * single.operations > MOST_OPERATIONS;
         let encoding = self.native.as_ref().map(Native::encoding);
         match encoding {
             _ if is_long(2) => &[],
             Some(Encoding::Evex) if !is_long(4) => &[4, 2],
+            Some(Encoding::Vex) if !is_long(4) && !is_across => &[4, 2],
             _ => &[2],
         }
     }
@@ -230,9 +237,18 @@ impl<'m> Emitter<'m> {
             branches,
             left_to,
             regions,
+            shared,
             ..
         } = self.turns(node, subgroups)?;
         let copies = turns.copies();
+        let params = match node {
+            Node::Loop { params, .. } => &params[..],
+            _ => &[],
+        };
+        let shared = (params.iter())
+            .filter(|&param| shared.contains(param) && self.operand(*param) != Operand::NONE)
+            .map(|&param| (self.operand(param), self.place(param).ty.rows() == 2))
+            .collect();
         let takes_own = turns.takes_own();
         let operations = turns.operations() / copies;
         Some(Written {
@@ -240,6 +256,7 @@ impl<'m> Emitter<'m> {
             operations,
             branches: branches / copies,
             left_to: left_to?,
+            shared,
             regions,
             takes_own,
         })
@@ -256,15 +273,27 @@ impl<'m> Emitter<'m> {
             return None;
         };
         let encoding = self.native.as_ref()?.encoding();
-        let alike = alike(node, |value| self.operand(value).is_uniform());
+        let is_uniform = |value| self.operand(value).is_uniform();
+        let shared = match encoding {
+            Encoding::Vex if subgroups > 1 => alike(node, Extent::Together, is_uniform),
+            _ => HashSet::default(),
+        };
+        let alike = alike(node, Extent::Subgroup, is_uniform);
         let (params, indices): (Vec<IrOperand>, Vec<usize>) = (params.iter().enumerate())
             .filter(|&(_, &param)| self.operand(param) != Operand::NONE)
             .map(|(k, &param)| (self.place(param), k))
             .unzip();
-        let entered: Vec<(IrOperand, bool)> = (params.iter())
-            .map(|&param| (param, alike.contains(&param.value)))
+        let entered: Vec<(IrOperand, Sameness)> = (params.iter())
+            .map(|&param| {
+                let sameness = match param.value {
+                    value if shared.contains(&value) => Sameness::Together,
+                    value if alike.contains(&value) => Sameness::Subgroup,
+                    _ => Sameness::Nowhere,
+                };
+                (param, sameness)
+            })
             .collect();
-        let of_lanes = entered.iter().filter(|(_, is_alike)| !is_alike);
+        let of_lanes = (entered.iter()).filter(|(_, same)| *same == Sameness::Nowhere);
         let is_paired = of_lanes.count() <= MOST_PAIRED || needs_both_halves(body);
         if subgroups > 1 && !is_paired && encoding == Encoding::Vex {
             return None;
@@ -277,6 +306,7 @@ impl<'m> Emitter<'m> {
             left_to: None,
             regions: Vec::new(),
             alike,
+            shared,
             distances: HashMap::default(),
             bounds: HashMap::default(),
             used: used(body),
@@ -381,13 +411,15 @@ impl<'m> Emitter<'m> {
         match node {
             Node::If { condition, .. } => {
                 ways.branches += 1;
-                let condition = self.place(*condition);
-                let both = match ways.lanes {
-                    Some(lanes) => Some(ways.turns.split(lanes, &condition)?),
-                    None => None,
+                let both = match (ways.lanes, self.leave_together(node, ways)) {
+                    (Some(_), Some(both)) => both,
+                    (Some(lanes), None) => {
+                        let condition = self.place(*condition);
+                        ways.turns.split(lanes, &condition)?.map(Some)
+                    }
+                    (None, _) => [None; 2],
                 };
-                ways.lanes = both.map(|[yes, _]| yes);
-                open.pending = both.map(|[_, no]| no);
+                [ways.lanes, open.pending] = both;
             }
             Node::Loop { .. } => return None,
             _ => {}
@@ -407,6 +439,56 @@ impl<'m> Emitter<'m> {
             }
         }
         Some(())
+    }
+
+    /// Code for a branch with a condition that is the same in all lanes, one of whose bodies does
+    /// nothing but leave the loop. Gives the lanes of both bodies.
+    fn leave_together(&self, node: &'m Node, ways: &mut Ways<'m>) -> Option<[Option<Lanes>; 2]> {
+        let Node::If {
+            condition,
+            label: own,
+            then_body,
+            else_body,
+            ..
+        } = node
+        else {
+            return None;
+        };
+        let is_same = match ways.turns.copies() {
+            1 => ways.alike.contains(condition),
+            _ => ways.shared.contains(condition),
+        };
+        let lanes = ways.lanes.filter(|_| is_same)?;
+        let leaves = |body: &'m Body| match &body.end {
+            Terminator::Br(label, args) if body.nodes.is_empty() => {
+                let stays = label == own || ways.open.iter().any(|open| open.label == *label);
+                (!stays).then_some((label, args))
+            }
+            _ => None,
+        };
+        let (when, (label, args)) = match (leaves(then_body), leaves(else_body)) {
+            (Some(left), None) => (true, left),
+            (None, Some(left)) => (false, left),
+            _ => return None,
+        };
+        let (mask, to) = self.labels.get(label)?;
+        if ways.left_to.is_some_and(|other| other != *mask) {
+            return None;
+        }
+        let values: SmallVec<[(IrOperand, ValueRow); 4]> = (to.iter().zip(args))
+            .filter(|(to, _)| self.operand(**to) != Operand::NONE)
+            .map(|(&to, &from)| {
+                let row = ValueRow::Frame(self.operand(to).index());
+                (self.place(from), row)
+            })
+            .collect();
+        let condition = (&self.place(*condition), when);
+        if !ways.turns.leave_together(lanes, condition, &values) {
+            return None;
+        }
+        ways.left_to = Some(*mask);
+        let both = [Some(lanes), None];
+        Some(if when { [None, Some(lanes)] } else { both })
     }
 
     /// A store to private memory.
@@ -481,7 +563,10 @@ impl<'m> Emitter<'m> {
             return None;
         }
         match ways.alike.contains(inst.args.last()?) {
-            true => (ways.turns).load_at_one_place(number, &offset, &results),
+            true => {
+                let is_shared = (inst.results.iter()).all(|result| ways.shared.contains(result));
+                (ways.turns).load_at_one_place(number, (&offset, is_shared), &results)
+            }
             false => {
                 let distance = ways.distances.get(inst.args.last()?).copied();
                 (ways.turns).load(
@@ -554,11 +639,16 @@ impl<'m> Emitter<'m> {
 
     /// An operation on each lane by itself.
     fn write(&self, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
-        let is_alike = inst
-            .results
-            .iter()
-            .all(|result| ways.alike.contains(result));
-        (ways.turns).perform(&inst.results, is_alike, |stretch| {
+        let is_in =
+            |values: &HashSet<Value>| (inst.results.iter()).all(|result| values.contains(result));
+        let sameness = if is_in(&ways.shared) {
+            Sameness::Together
+        } else if is_in(&ways.alike) {
+            Sameness::Subgroup
+        } else {
+            Sameness::Nowhere
+        };
+        (ways.turns).perform(&inst.results, sameness, |stretch| {
             self.perform(stretch, inst)
         })
     }

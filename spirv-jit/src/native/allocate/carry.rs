@@ -1,10 +1,12 @@
 //! Registers of a loop: what one turn hands to the next stays in registers as far as those suffice,
 //! and in its row of the frame where they do not.
 
-use super::words::broadcast_word;
+use smallvec::SmallVec;
+
+use super::words::{broadcast_word, enter};
 use super::*;
 use crate::SUBGROUP_SIZE;
-use crate::native::encode::{SCRATCH_WORD, ZERO};
+use crate::native::encode::SCRATCH_WORD;
 use crate::native::opcodes::*;
 
 /// A value that a turn takes from the turn before.
@@ -50,8 +52,8 @@ pub(in crate::native) struct Alike {
     pub is_half: bool,
     /// The mask of active lanes is so many bytes behind the first one.
     pub mask: i32,
-    /// The register's rows in both halves; twice the same where there is one.
-    pub rows: [Memory; 2],
+    /// The register's rows in both halves, and in all subgroups for which it is the same.
+    pub rows: SmallVec<[Memory; 2]>,
 }
 
 /// Of the stack's part of a loop.
@@ -70,16 +72,26 @@ pub(in crate::native) struct Turn {
     pub spills: usize,
     /// How often one leaves its register for memory.
     pub evictions: usize,
+    /// Jumps to the end of the loop.
+    pub exits: Vec<usize>,
+}
+
+/// The part of a loop that is outside of its turns.
+#[derive(Clone, Copy)]
+pub(in crate::native) struct Outside<'a> {
+    /// The vector of lanes' bits in masks, for [`Encoding::Vex`].
+    pub bits: Memory,
+    pub exits: &'a [Exit],
+    /// Of the stack, with values for all turns.
+    pub stack_bytes: i32,
 }
 
 /// Writes the first turn's beginning, then the turn.
-///
-/// `bits`: the vector of lanes' bits in masks, for [`Encoding::Vex`].
 pub(in crate::native) fn allocate_turn(
     steps: &[Step],
     values: Vec<Info>,
     carried: &mut [Carried],
-    bits: Memory,
+    outside: Outside<'_>,
     assembler: &mut Assembler,
 ) -> Result<Turn, TooManyLive> {
     let mut behind = vec![NEVER; values.len()];
@@ -89,6 +101,8 @@ pub(in crate::native) fn allocate_turn(
     let (after, first) = next_uses(steps, behind);
     let mut a = Allocation::new(values, first, assembler);
     a.may_spill = true;
+    a.stack_bytes = outside.stack_bytes;
+    a.outside = Some(outside);
     let mut uses = vec![0u32; a.values.len()];
     for step in steps {
         (step.from[..step.count].iter()).for_each(|&value| uses[value as usize] += 1);
@@ -105,6 +119,9 @@ pub(in crate::native) fn allocate_turn(
         let value = &mut carried[k];
         value.home = a.values[value.before as usize].home;
         let is_lanes = value.lanes.is_some();
+        if is_lanes && is_unused(value, &uses, a.assembler.encoding) {
+            continue;
+        }
         let free = match a.values[value.before as usize].class {
             Class::Vector if a.vectors.len() > LEFT => &mut a.vectors,
             Class::Mask if is_lanes => &mut a.masks,
@@ -125,7 +142,7 @@ pub(in crate::native) fn allocate_turn(
         let register = free.pop().ok_or(TooManyLive)?;
         value.register = Some(register);
         match (value.lanes, &value.alike) {
-            (Some(half), _) => enter(a.assembler, register, half, bits),
+            (Some(half), _) => enter(a.assembler, register, half, outside.bits),
             (None, Some(alike)) => level(a.assembler, register, alike),
             (None, None) => {
                 let home = Operand::Memory(value.home.ok_or(TooManyLive)?);
@@ -150,7 +167,13 @@ pub(in crate::native) fn allocate_turn(
         stack_bytes: a.stack_bytes + STACK_ALIGNMENT,
         spills: a.spills,
         evictions: a.evictions,
+        exits: a.exits,
     })
+}
+
+/// Whether lanes stay the same from turn to turn and no step takes them. `uses`: by value.
+fn is_unused(lanes: &Carried, uses: &[u32], encoding: Encoding) -> bool {
+    lanes.before == lanes.after && uses[lanes.before as usize] == 0 && encoding == Encoding::Vex
 }
 
 /// The scalar of the first lane that is in the loop, in all lanes of a register.
@@ -175,20 +198,6 @@ fn level(a: &mut Assembler, to: Register, alike: &Alike) {
         (true, Encoding::Evex) => PBROADCASTQ,
     };
     a.vector(broadcast, (to, 0, first), 0, None);
-}
-
-/// The lanes that are in the loop at first.
-fn enter(a: &mut Assembler, register: Register, half: i32, bits: Memory) {
-    let lanes = Operand::Memory(Memory::At(Base::Lanes, half));
-    match a.encoding {
-        Encoding::Evex => a.mask(KMOV, (register, 0, lanes), false, None),
-        Encoding::Vex => {
-            a.vector(PBROADCASTB, (register, 0, lanes), 0, None);
-            let bits = Operand::Memory(bits);
-            a.vector(PAND, (register, register, bits), 0, None);
-            a.vector(PCMPEQD, (register, register, bits), 0, None);
-        }
-    }
 }
 
 /// A general register = a bit for each lane of a condition.
@@ -389,14 +398,9 @@ impl Allocation<'_> {
             a.vector(step.op, (from, 0, home), lanes, None);
             return;
         }
-        // Mostly none leaves.
-        let mask = Operand::Register(lanes);
-        a.vector(TESTPS, (lanes, 0, mask), 0, None);
-        let none = a.jump_ahead(ZERO);
         a.vector(LOAD, (to, 0, home), 0, None);
         let new = Operand::Register(value);
         a.vector(BLENDVPS, (to, to, new), 0, Some(lanes << 4));
         a.vector(STORE, (to, 0, home), 0, None);
-        a.land(none);
     }
 }

@@ -1,4 +1,5 @@
-//! Words between vectors and `rbx`, which holds nothing between two steps.
+//! Words between vectors and `rbx`, which holds nothing between two steps. Masks of lanes as
+//! conditions.
 
 use super::*;
 use crate::native::encode::SCRATCH_WORD;
@@ -33,5 +34,19 @@ pub(in crate::native) fn broadcast_word(a: &mut Assembler, to: Register) {
             a.vector(PBROADCASTD, (to, 0, Operand::Register(to)), 0, None);
         }
         Encoding::Evex => a.vector(PBROADCASTD_OF, (to, 0, word), 0, None),
+    }
+}
+
+/// The lanes that are in the loop at first.
+pub(super) fn enter(a: &mut Assembler, register: Register, half: i32, bits: Memory) {
+    let lanes = Operand::Memory(Memory::At(Base::Lanes, half));
+    match a.encoding {
+        Encoding::Evex => a.mask(KMOV, (register, 0, lanes), false, None),
+        Encoding::Vex => {
+            a.vector(PBROADCASTB, (register, 0, lanes), 0, None);
+            let bits = Operand::Memory(bits);
+            a.vector(PAND, (register, register, bits), 0, None);
+            a.vector(PCMPEQD, (register, register, bits), 0, None);
+        }
     }
 }

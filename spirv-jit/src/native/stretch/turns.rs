@@ -7,18 +7,16 @@
 //! when none of its lanes stays, or when the fuel is out: then the values for the next turn are in
 //! the rows, and the interpreter suspends the wave as behind any turn.
 
+use foldhash::HashSet;
 use smallvec::SmallVec;
 
 use super::lower::int;
-use super::weave::{in_turn, waits};
-use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual, without_unused};
+use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual};
 use crate::ir::{Type, Value};
-use crate::native::allocate::{Alike, Carried, LOAD, STORE, Step, Turn, allocate_turn};
-use crate::native::encode::{
-    Assembler, Base, Constant, Encoding, Memory, NOT_NEGATIVE, NOT_ZERO, Operand, ZERO,
-};
+use crate::native::allocate::{Alike, Carried, Exit, STORE, TURNS_TOGETHER};
+use crate::native::encode::{Base, Constant, Encoding, Memory};
 use crate::native::opcodes::*;
-use crate::native::{LoopContext, Own, STAYING, WORKGROUP};
+use crate::native::{LoopContext, WORKGROUP};
 
 /// Lanes on one of the ways through a turn: a condition for each half of the subgroup, or twice the
 /// same where code takes one register of lanes at a time.
@@ -29,20 +27,22 @@ pub(crate) struct Lanes(pub(super) [Virtual; 2]);
 #[derive(Clone, Copy)]
 pub(crate) struct Merged([Held; 2]);
 
+/// The lanes among which a value is the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Sameness {
+    Nowhere,
+    /// All lanes of a subgroup.
+    Subgroup,
+    /// All lanes of all subgroups that take the loop together.
+    Together,
+}
+
 /// A parameter of the turn that is being written.
 struct Entered {
     held: [Held; 2],
     place: IrOperand,
-    is_alike: bool,
+    sameness: Sameness,
 }
-
-/// Instructions, at least, of a turn of several subgroups for each that moves a value to or from
-/// the stack.
-const STEPS_OF_SPILL: usize = 8;
-
-/// Instructions, at least, of a turn whose subgroups and halves take its operations in turn, for
-/// each that moves a value to or from memory.
-const STEPS_OF_MOVE: usize = 16;
 
 /// Bytes that are loaded at one place, at most, before a place is computed again.
 const MOST_AT_ONCE: u32 = 64;
@@ -56,14 +56,20 @@ const FOUR: usize = 4;
 /// A loop on its way to instructions.
 pub(crate) struct Turns {
     pub(super) stretch: Stretch,
-    carried: Vec<Carried>,
-    lanes: Option<Lanes>,
+    pub(super) carried: Vec<Carried>,
+    pub(super) lanes: Option<Lanes>,
     params: Vec<Entered>,
+    /// Values that are the same in all subgroups: the first one's code computes them.
+    shared: HashSet<Value>,
+    /// Where all lanes leave at once, in the order of the turn.
+    pub(super) exits: Vec<Exit>,
+    /// How many of them the turn of this subgroup has come to.
+    pub(super) exits_so_far: usize,
     /// Both halves of a subgroup take their turns together: neither need wait for the other's
     /// results, and operations across lanes see both.
-    is_paired: bool,
+    pub(super) is_paired: bool,
     /// Subgroups that do so.
-    subgroups: usize,
+    pub(super) subgroups: usize,
     /// Memory of a subgroup's own is accessed.
     pub(super) takes_own: bool,
 }
@@ -77,6 +83,9 @@ impl Turns {
             carried: Vec::new(),
             lanes: None,
             params: Vec::new(),
+            shared: HashSet::default(),
+            exits: Vec::new(),
+            exits_so_far: 0,
             is_paired: (is_paired || subgroups > 1) && encoding == Encoding::Vex,
             subgroups,
             takes_own: false,
@@ -99,7 +108,7 @@ impl Turns {
     }
 
     /// Half subgroups that take a turn together.
-    fn halves(&self) -> u32 {
+    pub(super) fn halves(&self) -> u32 {
         match (self.stretch.encoding, self.is_paired) {
             (Encoding::Vex, false) => 1,
             _ => 2 * self.subgroups as u32,
@@ -162,42 +171,82 @@ impl Turns {
         Some(written)
     }
 
-    /// Writes an operation without memory. `is_alike`: its results are the same in all lanes that
-    /// come to it, because its operands are.
+    /// As [`Self::once`], of results that are the same in all subgroups: the first one's code
+    /// writes it.
+    fn once_for_all<T: Default>(
+        &mut self,
+        results: &[Value],
+        write: impl FnOnce(&mut Stretch) -> Option<T>,
+    ) -> Option<T> {
+        if self.subgroups == 1 {
+            return self.once(results, write);
+        }
+        if self.stretch.subgroup > 0 {
+            // Code of all subgroups counts the same operations.
+            self.stretch.operations += 1;
+            return Some(T::default());
+        }
+        let first = self.stretch.steps.len();
+        let written = self.once(results, write)?;
+        for step in &mut self.stretch.steps[first..] {
+            step.subgroup = TURNS_TOGETHER;
+        }
+        self.shared.extend(results);
+        Some(written)
+    }
+
+    /// Writes an operation without memory. `sameness`: that of its results, because of its
+    /// operands.
     pub fn perform(
         &mut self,
         results: &[Value],
-        is_alike: bool,
+        sameness: Sameness,
         write: impl Fn(&mut Stretch) -> bool,
     ) -> Option<()> {
-        match is_alike {
-            true => self.once(results, |s| write(s).then_some(())),
-            false => self.by_halves(|s, _| write(s).then_some(())).map(|_| ()),
+        match sameness {
+            Sameness::Together => self.once_for_all(results, |s| write(s).then_some(())),
+            Sameness::Subgroup => self.once(results, |s| write(s).then_some(())),
+            Sameness::Nowhere => self.by_halves(|s, _| write(s).then_some(())).map(|_| ()),
         }
     }
 
-    /// Begins a turn of a subgroup; gives the lanes that take it. Parameters that are `alike` are
-    /// the same in all lanes that do.
-    pub fn begin(&mut self, subgroup: usize, params: &[(IrOperand, bool)]) -> Lanes {
-        self.stretch.subgroup = subgroup;
-        self.stretch.held = Default::default();
-        self.stretch.results.clear();
+    /// Begins a turn of a subgroup; gives the lanes that take it.
+    pub fn begin(&mut self, subgroup: usize, params: &[(IrOperand, Sameness)]) -> Lanes {
+        let s = &mut self.stretch;
+        s.subgroup = subgroup;
+        let is_uniform = |held: Held| {
+            held.parts().all(|part| {
+                let info = &s.infos[part as usize];
+                info.is_home && matches!(info.home, Some(Memory::At(Base::Uniforms, _)))
+            })
+        };
+        for side in &mut s.held {
+            side.retain(|value, held| is_uniform(*held) || self.shared.contains(value));
+        }
+        s.results.clear();
+        self.exits_so_far = 0;
         let lanes = self.by_halves(|s, _| Some(s.value(s.class_of(Type::I1), None, false)));
         let lanes = Lanes(lanes.expect("a register for each half"));
         self.lanes = Some(lanes);
         self.params.clear();
-        for &(place, is_alike) in params {
-            let held = match is_alike {
-                true => {
+        for &(place, sameness) in params {
+            let held = match sameness {
+                Sameness::Nowhere => self.by_halves(|s, _| Some(s.operand(&place))),
+                Sameness::Together if subgroup > 0 => {
+                    self.stretch.known(place.value).map(|held| [held; 2])
+                }
+                _ => {
                     let held = self.once(&[place.value], |s| Some(s.operand(&place)));
                     held.map(|held| [held; 2])
                 }
-                false => self.by_halves(|s, _| Some(s.operand(&place))),
             };
+            if sameness == Sameness::Together && self.subgroups > 1 {
+                self.shared.insert(place.value);
+            }
             self.params.push(Entered {
                 held: held.expect("registers for each half"),
                 place,
-                is_alike,
+                sameness,
             });
         }
         lanes
@@ -217,9 +266,13 @@ impl Turns {
             });
         }
         for (param, after) in std::mem::take(&mut self.params).iter().zip(params) {
-            if param.is_alike {
-                self.end_alike(param, after.0[0]);
-                continue;
+            match param.sameness {
+                Sameness::Together if subgroup > 0 => continue,
+                Sameness::Nowhere => {}
+                _ => {
+                    self.end_alike(param, after.0[0]);
+                    continue;
+                }
             }
             for (before, after) in param.held.iter().zip(&after.0).take(sides) {
                 for (before, after) in before.parts().zip(after.parts()) {
@@ -234,24 +287,32 @@ impl Turns {
     fn end_alike(&mut self, param: &Entered, after: Held) {
         let is_paired = self.is_paired;
         let s = &mut self.stretch;
-        let mut homes = [None; 2];
-        for (half, home) in homes.iter_mut().enumerate() {
-            s.half = is_paired.then_some(half as i32);
-            *home = s.home(&param.place, 0);
-        }
-        s.half = None;
-        let ([Some(first), Some(second)], is_wide) = (homes, param.place.ty.rows() == 2) else {
-            unreachable!("a parameter has a row");
+        let subgroups = match param.sameness {
+            Sameness::Together => 0..self.subgroups,
+            _ => s.subgroup..s.subgroup + 1,
         };
+        let own = s.subgroup;
+        let mut homes = SmallVec::<[Memory; 2]>::new();
+        for subgroup in subgroups {
+            for half in 0..2 {
+                (s.subgroup, s.half) = (subgroup, is_paired.then_some(half));
+                let home = s.home(&param.place, 0).expect("a parameter has a row");
+                if !homes.contains(&home) {
+                    homes.push(home);
+                }
+            }
+        }
+        (s.subgroup, s.half) = (own, None);
+        let is_wide = param.place.ty.rows() == 2;
         for (k, (before, after)) in param.held[0].parts().zip(after.parts()).enumerate() {
             let behind = k as i32 * s.encoding.vector_bytes();
             self.carried.push(Carried {
                 alike: Some(Alike {
-                    first,
+                    first: homes[0],
                     is_wide,
                     is_half: s.encoding == Encoding::Vex && !is_paired,
                     mask: 2 * s.subgroup as i32,
-                    rows: [first.behind(behind), second.behind(behind)],
+                    rows: homes.iter().map(|home| home.behind(behind)).collect(),
                 }),
                 ..Carried::new(before, after)
             });
@@ -358,11 +419,11 @@ impl Turns {
     }
 
     /// As [`Self::load`], of an offset that is the same in all of the lanes, because of how it was
-    /// computed.
+    /// computed. `is_shared`: in those of all subgroups.
     pub fn load_at_one_place(
         &mut self,
         region: usize,
-        offset: &IrOperand,
+        (offset, is_shared): (&IrOperand, bool),
         results: &[Option<IrOperand>],
     ) -> Option<()> {
         self.takes_own |= region == WORKGROUP;
@@ -371,7 +432,7 @@ impl Turns {
             .filter_map(|(k, result)| result.map(|result| (4 * k, result)))
             .collect();
         let values: Vec<Value> = used.iter().map(|(_, place)| place.value).collect();
-        self.once(&values, |s| {
+        let write = |s: &mut Stretch| {
             let Held::One(offset) = s.operand(offset) else {
                 return None;
             };
@@ -395,7 +456,11 @@ impl Turns {
             }
             s.end_operation();
             Some(())
-        })
+        };
+        match is_shared {
+            true => self.once_for_all(&values, write),
+            false => self.once(&values, write),
+        }
     }
 
     /// Lanes leave the loop and take `from` along to a row.
@@ -406,218 +471,6 @@ impl Turns {
         });
         left.expect("a register for each half");
     }
-
-    /// The code: see [`LoopCode`](crate::native::LoopCode). Each turn of a subgroup takes twice
-    /// `fuel`. `None`: more values live at once than there are registers and rows for, or several
-    /// subgroups have too few registers.
-    pub fn assemble(mut self, fuel: u32) -> Option<Vec<u8>> {
-        let mut a = Assembler::new(self.stretch.encoding);
-        let stack_size = emit_entry(&mut a);
-        let start = a.bytes.len();
-        self.emit_pointers(&mut a);
-        let half = a.bytes.len();
-        let turn = self.emit_turn(&mut a)?;
-        let none = self.emit_next_turn(&mut a, turn.head, fuel)?;
-        // The fuel is out.
-        self.emit_rows(&mut a)?;
-        a.land(none);
-        self.emit_next_subgroups(&mut a, [start, half]);
-        emit_return(&mut a, turn.stack_bytes);
-        a.bytes[stack_size..stack_size + 4].copy_from_slice(&turn.stack_bytes.to_le_bytes());
-        Some(a.finish(&self.stretch.pool))
-    }
-
-    /// The rows of the subgroups that take a turn together.
-    fn emit_pointers(&self, a: &mut Assembler) {
-        if self.halves() == 1 {
-            // mov r8, rdi; mov r9, rdi; mov eax, 2
-            a.bytes
-                .extend([0x49, 0x89, 0xf8, 0x49, 0x89, 0xf9, 0xb8, 2, 0, 0, 0]);
-        }
-        if self.subgroups > 1 {
-            // lea r8, [rdi + rcx]
-            a.bytes.extend([0x4c, 0x8d, 0x04, 0x0f]);
-        }
-        if self.subgroups > 2 {
-            // lea r9, [rdi + 2 rcx]; lea rax, [r8 + 2 rcx]
-            a.bytes.extend([0x4c, 0x8d, 0x0c, 0x4f]);
-            a.bytes.extend([0x49, 0x8d, 0x04, 0x48]);
-        }
-    }
-
-    /// The first turn's beginning, then the turn: with halves and subgroups in turn if its results
-    /// wait for each other, and registers suffice.
-    fn emit_turn(&mut self, a: &mut Assembler) -> Option<Turn> {
-        let (halves, subgroups) = (self.halves() as usize, self.subgroups);
-        let bits = self.stretch.constant(Constant::LaneBits);
-        let bits = self.stretch.infos[bits as usize].home?;
-        let infos = std::mem::take(&mut self.stretch.infos);
-        let mut is_used: Vec<bool> = infos.iter().map(|info| info.keep).collect();
-        for value in &self.carried {
-            is_used[value.after as usize] = true;
-        }
-        let steps = without_unused(std::mem::take(&mut self.stretch.steps), is_used);
-        let waits = self.is_paired && waits(&steps, infos.len(), halves);
-        let woven = waits.then(|| in_turn(&steps, subgroups)).and_then(|steps| {
-            let (mut carried, mut attempt) = (self.carried.clone(), a.clone());
-            let turn = allocate_turn(&steps, infos.clone(), &mut carried, bits, &mut attempt);
-            let turn = turn.ok()?;
-            let moves = turn.spills + turn.evictions;
-            (moves * STEPS_OF_MOVE <= steps.len()).then_some((turn, carried, attempt))
-        });
-        if let Some((turn, carried, attempt)) = woven {
-            (self.carried, *a) = (carried, attempt);
-            return Some(turn);
-        }
-        let steps = halves_apart(steps);
-        let turn = allocate_turn(&steps, infos, &mut self.carried, bits, a).ok()?;
-        (subgroups == 1 || turn.spills * STEPS_OF_SPILL <= steps.len()).then_some(turn)
-    }
-
-    /// The masks of lanes among the carried values.
-    fn masks(&self) -> impl Iterator<Item = &Carried> {
-        self.carried.iter().filter(|value| value.lanes.is_some())
-    }
-
-    /// On to the next turn, at `head`, with lanes that stay. The jump is taken if there are none.
-    fn emit_next_turn(&self, a: &mut Assembler, head: usize, fuel: u32) -> Option<usize> {
-        let count = self.masks().count();
-        let mut some = Vec::new();
-        let mut none = None;
-        for (k, value) in self.masks().enumerate() {
-            let register = value.register?;
-            let rm = Operand::Register(register);
-            match self.stretch.encoding {
-                Encoding::Vex => a.vector(TESTPS, (register, 0, rm), 0, None),
-                Encoding::Evex => a.mask(KORTESTW, (register, 0, rm), false, None),
-            }
-            match k + 1 < count {
-                true => some.push(a.jump_ahead(NOT_ZERO)),
-                false => none = Some(a.jump_ahead(ZERO)),
-            }
-        }
-        some.into_iter().for_each(|jump| a.land(jump));
-        // sub r11, the turn's fuel
-        a.bytes.extend([0x49, 0x81, 0xeb]);
-        a.bytes.extend((fuel * self.halves()).to_le_bytes());
-        let next = a.jump_ahead(NOT_NEGATIVE);
-        a.land_at(next, head);
-        none
-    }
-
-    /// Stores the values and the lanes for the next turn: the interpreter goes on with them.
-    fn emit_rows(&self, a: &mut Assembler) -> Option<()> {
-        for value in &self.carried {
-            let Some(register) = value.register else {
-                continue;
-            };
-            let rows = match &value.alike {
-                Some(alike) if alike.rows[0] != alike.rows[1] => alike.rows.to_vec(),
-                Some(alike) => vec![alike.rows[0]],
-                None => value.home.into_iter().collect(),
-            };
-            for row in rows {
-                a.vector(STORE, (register, 0, Operand::Memory(row)), 0, None);
-            }
-        }
-        for value in self.masks() {
-            const EBX: u8 = 3;
-            let rm = Operand::Register(value.register?);
-            let at = STAYING as u8 + value.lanes? as u8;
-            match self.stretch.encoding {
-                Encoding::Vex => {
-                    a.vector(MOVMSKPS, (EBX, 0, rm), 0, None);
-                    // mov [r10 + at], bl
-                    a.bytes.extend([0x41, 0x88, 0x5a, at]);
-                }
-                Encoding::Evex => {
-                    a.mask(KMOV_OUT, (EBX, 0, rm), false, None);
-                    // mov [r10 + at], bx
-                    a.bytes.extend([0x66, 0x41, 0x89, 0x5a, at]);
-                }
-            }
-        }
-        // No register holds anything any more.
-        for value in &self.carried {
-            if let (None, Some(home), Some(alike)) = (value.register, value.home, &value.alike)
-                && alike.rows[0] != home
-            {
-                a.vector(LOAD, (0, 0, Operand::Memory(home)), 0, None);
-                for row in alike.rows {
-                    a.vector(STORE, (0, 0, Operand::Memory(row)), 0, None);
-                }
-            }
-        }
-        Some(())
-    }
-
-    /// Jumps to `start` for the next subgroups, or to `half` for the second half of this one.
-    fn emit_next_subgroups(&self, a: &mut Assembler, [start, half]: [usize; 2]) {
-        let (halves, subgroups) = (self.halves(), self.subgroups);
-        // add r10, a byte for each eight lanes
-        a.bytes.extend([0x49, 0x83, 0xc2, halves as u8]);
-        if halves == 1 {
-            // add r8, 32; add r9, 64; dec eax
-            a.bytes
-                .extend([0x49, 0x83, 0xc0, 32, 0x49, 0x83, 0xc1, 64, 0xff, 0xc8]);
-            a.jump_if_not_zero(half);
-        }
-        if self.takes_own {
-            // add qword [r14 + own], that of the subgroups
-            a.bytes.extend([0x49, 0x83, 0x86]);
-            a.bytes.extend(LoopContext::OWN.to_le_bytes());
-            a.bytes.push((size_of::<Own>() * subgroups) as u8);
-        }
-        // lea rdi, [rdi + subgroups * rcx]; dec rdx
-        let scale = subgroups.trailing_zeros() as u8;
-        a.bytes
-            .extend([0x48, 0x8d, 0x3c, scale << 6 | 0x0f, 0x48, 0xff, 0xca]);
-        a.jump_if_not_zero(start);
-    }
-}
-
-/// Saves registers and makes room on the stack. Gives the place of the room's size in bytes.
-fn emit_entry(a: &mut Assembler) -> usize {
-    // push rbx; push rbp; push r13; push r14
-    a.bytes.extend([0x53, 0x55, 0x41, 0x55, 0x41, 0x56]);
-    // sub rsp, bytes of the stack; lea rbp, [rsp + 63]; and rbp, -64
-    a.bytes.extend([0x48, 0x81, 0xec]);
-    let stack_size = a.bytes.len();
-    a.bytes.extend([0; 4]);
-    a.bytes
-        .extend([0x48, 0x8d, 0x6c, 0x24, 63, 0x48, 0x83, 0xe5, 0xc0]);
-    // mov r14, r9; mov r11, [r14]; mov r10, r8
-    a.bytes.extend([0x4d, 0x89, 0xce]);
-    a.bytes.extend([0x4d, 0x8b, 0x1e, 0x4d, 0x89, 0xc2]);
-    stack_size
-}
-
-/// Restores registers and returns.
-fn emit_return(a: &mut Assembler, stack_bytes: i32) {
-    // mov [r14], r11; add rsp, bytes of the stack; pop r14; pop r13; pop rbp; pop rbx
-    a.bytes.extend([0x4d, 0x89, 0x1e, 0x48, 0x81, 0xc4]);
-    a.bytes.extend(stack_bytes.to_le_bytes());
-    a.bytes.extend([0x41, 0x5e, 0x41, 0x5d, 0x5d, 0x5b]);
-    // vzeroupper; ret
-    a.bytes.extend([0xc5, 0xf8, 0x77, 0xc3]);
-}
-
-/// All that one half does before what the other does, up to each step that takes both.
-fn halves_apart(steps: Vec<Step>) -> Vec<Step> {
-    let mut apart = Vec::with_capacity(steps.len());
-    let mut second = Vec::new();
-    for step in steps {
-        match step.half {
-            Some(0) => apart.push(step),
-            Some(_) => second.push(step),
-            None => {
-                apart.append(&mut second);
-                apart.push(step);
-            }
-        }
-    }
-    apart.append(&mut second);
-    apart
 }
 
 impl Stretch {
@@ -632,6 +485,9 @@ impl Stretch {
         let new = self.operand(from);
         let class = self.class_of(from.ty);
         let merged = match (new, others) {
+            (Held::One(new), Some(Held::One(old))) if new == old && class == Class::Vector => {
+                Held::One(self.copy(new))
+            }
             (Held::One(new), Some(Held::One(old))) => Held::One(match class {
                 Class::Vector => self.select(lanes, new, old),
                 Class::Mask => self.select_condition(lanes, new, old),

@@ -6,7 +6,7 @@
 //! turns of loops. AVX2 only.
 
 use super::{FRAMES, Stretch};
-use crate::native::allocate::{Info, Step, Virtual, allocate};
+use crate::native::allocate::{Info, Step, TURNS_TOGETHER, Virtual, allocate};
 use crate::native::encode::{Assembler, Base, CARRY, Encoding, Memory, NOT_CARRY, ZERO};
 use crate::native::opcodes::*;
 
@@ -66,22 +66,28 @@ pub(super) fn waits(steps: &[Step], values: usize, halves: usize) -> bool {
     need.wanted > need.overlapped && halves as u32 > need.overlapped
 }
 
-/// The steps of a turn with the operations of all subgroups alternating; those of halves do.
-pub(super) fn in_turn(steps: &[Step], subgroups: usize) -> Vec<Step> {
-    let of_subgroup = |subgroup: usize| {
-        let own = steps
-            .iter()
-            .filter(|step| step.subgroup as usize == subgroup);
-        own.copied().collect::<Vec<Step>>()
-    };
-    let all: Vec<Vec<Step>> = (0..subgroups).map(of_subgroup).collect();
-    let mut operations: Vec<_> = (all.iter())
+/// The number of chains of steps that keeps a processor busy.
+pub(super) fn chains(steps: &[Step], values: usize, halves: usize) -> u32 {
+    need(steps, values, halves).wanted
+}
+
+/// Steps of subgroups with the operations of all subgroups alternating; those of halves do. The
+/// first one's code has operations for all of them, too.
+pub(super) fn in_turn(of_subgroups: &[Vec<Step>]) -> Vec<Step> {
+    let mut operations: Vec<_> = (of_subgroups.iter())
         .map(|steps| steps.split_inclusive(|step| step.ends))
         .collect();
-    let mut woven = Vec::with_capacity(steps.len());
-    while woven.len() < steps.len() {
-        let next = operations.iter_mut().filter_map(Iterator::next);
-        next.for_each(|operation| woven.extend_from_slice(operation));
+    let count = of_subgroups.iter().map(Vec::len).sum();
+    let mut woven = Vec::with_capacity(count);
+    while woven.len() < count {
+        for subgroup in 0..operations.len() {
+            let mut next = operations[subgroup].next();
+            while let Some(operation) = next {
+                woven.extend_from_slice(operation);
+                let is_for_all = operation[0].subgroup == TURNS_TOGETHER;
+                next = is_for_all.then(|| operations[subgroup].next()).flatten();
+            }
+        }
     }
     woven
 }

@@ -81,6 +81,7 @@ struct Maker {
     is_private: bool,
     /// Loads of loops are from places that depend on lanes' numbers.
     is_spaced: bool,
+    is_counted: bool,
 }
 
 /// The last operations of a list left out, which have no native code.
@@ -101,6 +102,7 @@ impl Maker {
             is_across: false,
             is_private: false,
             is_spaced: false,
+            is_counted: false,
         }
     }
 
@@ -535,8 +537,15 @@ impl Maker {
             self.w.constant(I32, 1),
             self.w.constant(I32, 0),
         );
-        let word = self.pick(I32);
-        let bound = self.w.op(I32, "and", &[&word, &seven]);
+        let mut bound = seven;
+        if !self.is_counted || self.random.u32(..4) == 0 {
+            let mut word = self.pick(I32);
+            if self.is_counted {
+                let line = format!("subgroup.broadcast_first {word}");
+                word = self.w.line(I32, &line);
+            }
+            bound = self.w.op(I32, "and", &[&word, &bound]);
+        }
         let (results, text) = self.defined(&left);
         self.write(&format!("block L0{} {{\n", arrow(&text)));
         let outside = self.values.len();
@@ -606,7 +615,7 @@ fn branch(label: u32, operands: &str) -> String {
 /// A program with a loop, its text, and which of its outputs are floats.
 fn program_with_loop(
     seed: u64,
-    [is_across, is_private, is_spaced]: [bool; 3],
+    [is_across, is_private, is_spaced, is_counted]: [bool; 4],
 ) -> (Module, String, Vec<bool>) {
     let mut m = Maker::new(seed);
     m.is_plain = m.random.u32(..4) != 0;
@@ -623,7 +632,7 @@ fn program_with_loop(
     m.inputs();
     m.operations(6);
     m.is_across = is_across;
-    (m.is_private, m.is_spaced) = (is_private, is_spaced);
+    (m.is_private, m.is_spaced, m.is_counted) = (is_private, is_spaced, is_counted);
     m.turns();
     m.operations(3);
     let (outputs, floats) = m.outputs();
@@ -631,7 +640,7 @@ fn program_with_loop(
     (module, text, floats)
 }
 
-/// A program, its text, and which of its outputs are floats.
+/// As [`program_with_loop`], without one.
 fn program(seed: u64) -> (Module, String, Vec<bool>) {
     let mut m = Maker::new(seed);
     m.inputs();
@@ -706,7 +715,7 @@ fn seeds(cases: u32) -> (u64, u64) {
 const HANDED_ON_FROM_ROWS: [u64; 5] = [12496, 20620, 20960, 40855, 51035];
 
 /// Compares a program with a loop in all tiers; whether the loop is native code in the best one.
-fn agrees_with_loop(seed: u64, kinds: [bool; 3]) -> u64 {
+fn agrees_with_loop(seed: u64, kinds: [bool; 4]) -> u64 {
     let (module, text, floats) = program_with_loop(seed, kinds);
     agrees(&module, &floats, seed, &text);
     let program = Program::with_tier(&module, TierKind::best()).unwrap();
@@ -728,7 +737,7 @@ fn are_native(native: u64, cases: u64, share: u64) {
 fn native_loops_combine_lanes_as_the_interpreter_does() {
     let (first, cases) = seeds(300);
     let native: u64 = (first..first + cases)
-        .map(|seed| agrees_with_loop(seed, [true, false, false]))
+        .map(|seed| agrees_with_loop(seed, [true, false, false, false]))
         .sum();
     are_native(native, cases, 5);
 }
@@ -739,7 +748,7 @@ fn native_loops_combine_lanes_as_the_interpreter_does() {
 fn native_loops_access_private_memory_as_the_interpreter_does() {
     let (first, cases) = seeds(300);
     let native: u64 = (first..first + cases)
-        .map(|seed| agrees_with_loop(seed, [seed % 4 == 0, true, false]))
+        .map(|seed| agrees_with_loop(seed, [seed % 4 == 0, true, false, seed % 3 == 0]))
         .sum();
     are_native(native, cases, 5);
 }
@@ -750,7 +759,7 @@ fn native_loops_access_private_memory_as_the_interpreter_does() {
 fn native_loops_load_words_at_distances_as_the_interpreter_does() {
     let (first, cases) = seeds(300);
     let native: u64 = (first..first + cases)
-        .map(|seed| agrees_with_loop(seed, [false, seed % 2 == 0, true]))
+        .map(|seed| agrees_with_loop(seed, [false, seed % 2 == 0, true, seed % 3 == 0]))
         .sum();
     are_native(native, cases, 5);
 }
@@ -761,9 +770,17 @@ fn native_loops_give_what_the_interpreter_gives() {
     let (first, cases) = seeds(300);
     let mut native = 0;
     for seed in (first..first + cases).chain(HANDED_ON_FROM_ROWS) {
-        native += agrees_with_loop(seed, [false; 3]);
+        native += agrees_with_loop(seed, [false; 4]);
     }
     are_native(native, cases, 4);
+}
+
+/// As [`native_loops_give_what_the_interpreter_gives`], of loops that all lanes leave at once.
+#[test]
+fn native_loops_end_for_all_lanes_as_the_interpreter_ends_them() {
+    let (first, cases) = seeds(300);
+    let agrees = |seed| agrees_with_loop(seed, [seed % 5 == 0, false, false, true]);
+    are_native((first..first + cases).map(agrees).sum(), cases, 4);
 }
 
 #[test]

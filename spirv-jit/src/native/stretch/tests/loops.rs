@@ -20,11 +20,12 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
         let at = |value: u32, ty| place(value, ty, ValueRow::Frame(2 * value as usize));
         let (counter, sum) = (at(0, Type::I32), at(1, Type::I64));
         for copy in 0..turns.copies() {
-            let lanes = turns.begin(copy, &[(counter, false), (sum, copy % 2 == 1)]);
+            let same = [Sameness::Nowhere, Sameness::Subgroup][copy % 2];
+            let lanes = turns.begin(copy, &[(counter, Sameness::Nowhere), (sum, same)]);
             let (less, word, wide) = (at(2, Type::I1), at(3, Type::I32), at(4, Type::I64));
             let bound = at(5, Type::I32);
             let operation = |turns: &mut Turns, op: Op, from: &[IrOperand], to: IrOperand| {
-                let written = turns.perform(&[to.value], false, |stretch| {
+                let written = turns.perform(&[to.value], Sameness::Nowhere, |stretch| {
                     stretch.perform(&op, from, &[to]) && {
                         stretch.end_operation();
                         true
@@ -32,20 +33,26 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
                 });
                 written.unwrap();
             };
+            let stop = place(9, Type::I1, ValueRow::Uniform(3));
+            let taken = [(sum, ValueRow::Frame(22)), (bound, ValueRow::Frame(24))];
+            let leaves = turns.leave_together(lanes, (&stop, true), &taken);
+            assert_eq!(leaves, encoding == Encoding::Vex);
             operation(&mut turns, Op::ULt, &[counter, bound], less);
             let [stay, go] = turns.split(lanes, &less).unwrap();
             turns.leave(go, &sum, ValueRow::Frame(20));
             let place = (&counter, 4);
             turns.load(stay, 3, place, &[Some(word)]).unwrap();
             turns
-                .load_at_one_place(2, &bound, &[Some(at(6, Type::I32))])
+                .load_at_one_place(2, (&bound, false), &[Some(at(6, Type::I32))])
                 .unwrap();
             operation(&mut turns, Op::UConvert, &[word], wide);
             if is_paired || encoding == Encoding::Evex {
                 let rows = (PrivateRow::Apart(word), 5);
                 turns.store_private(stay, rows, &[word]).unwrap();
                 let more = [Some(at(7, Type::I32)), None, Some(at(8, Type::F32))];
-                turns.load_at_one_place(WORKGROUP, &bound, &more).unwrap();
+                turns
+                    .load_at_one_place(WORKGROUP, (&bound, false), &more)
+                    .unwrap();
             }
             let ends = [turns.only(&word), turns.only(&wide)];
             turns.end(stay, &ends);
