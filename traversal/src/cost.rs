@@ -147,14 +147,13 @@ fn key(hit: &Hit) -> (u32, u32, u32, bool) {
 impl Meter for RayCost {
     const COUNTS: bool = true;
 
-    #[inline]
+    #[inline(always)]
     fn visit_node(&mut self, node: NodeAt<'_>) {
         self.steps += 1;
-        let words = node.children();
-        self.box_tests += words.iter().filter(|&&word| word != child::NONE).count() as u32;
+        self.box_tests += node.child_count();
     }
 
-    #[inline]
+    #[inline(always)]
     fn visit_leaf(&mut self, structure: &Structure, word: u32) {
         if word & child::LEAF == 0 || word == child::NONE {
             return;
@@ -172,7 +171,7 @@ impl Meter for RayCost {
         };
     }
 
-    #[inline]
+    #[inline(always)]
     fn visit_triangles(&mut self, count: u32) {
         self.steps += 1;
         self.primitive_tests += count;

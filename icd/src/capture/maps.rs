@@ -301,8 +301,7 @@ fn write(
     bytes: &mut Vec<u8>,
 ) -> io::Result<(Value, u64)> {
     let values = counts.values(counter);
-    let most = values.iter().copied().max().unwrap_or(0);
-    let sum: u64 = values.iter().map(|&value| u64::from(value)).sum();
+    let (most, sum) = counts.most_and_sum(counter);
     let (name, of) = described(counter);
     let width = Width::of(most);
     let mut entry = json!({

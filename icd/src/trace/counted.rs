@@ -7,7 +7,7 @@ use traversal::{GroupWalks, PACKET, RayCost, RayCosts, RayRows};
 
 use super::batch::Batch;
 use super::line::{InPlace, Nested};
-use super::rays::{load_rays, structure_in};
+use super::rays::{load_rays, structures_in};
 use super::subgroup::{Role, SubgroupIndex};
 use crate::wave::Stopped;
 use crate::wave::launch_counts::{Cells, Counter, LaunchCounts, WalkedRay};
@@ -37,7 +37,7 @@ impl<'a> Batch<'a> {
 
     fn cells(&self, counts: &LaunchCounts, index: SubgroupIndex) -> Cells {
         let launch = &self.worker.subgroups[index].launch;
-        counts.kept.cells(&launch.x, &launch.y, self.layer)
+        counts.cells(&launch.x, &launch.y, self.layer)
     }
 
     /// Counts rays of groups that start, and walks each by itself: that is its first walk and the
@@ -89,7 +89,7 @@ impl<'a> Batch<'a> {
         }
         let (tier, lanes) = (self.dispatch.tier, group.in_flight);
         let operands = group.operands(&self.worker.subgroups);
-        counts.note_structures(lanes.iter().map(|lane| structure_in(operands, lane)));
+        counts.note_structures(structures_in(operands, lanes));
         let cells = self.cells(counts, group.caller);
         let is_kept = LaneMask::from_fn(|lane| cells[lane].is_some()) & lanes;
         if is_kept.is_empty() {
@@ -187,12 +187,24 @@ impl<'a> Batch<'a> {
 
     /// Shaders in place have run: their lanes share the time. `calls`: their groups of rays and
     /// lanes.
+    #[inline(always)]
     pub(super) fn count_in_place(
         &self,
         started: Option<Instant>,
         calls: impl Iterator<Item = (u32, LaneMask)> + Clone,
     ) {
-        let (Some(counting), Some(started)) = (&self.counting, started) else {
+        if let Some(started) = started {
+            self.count_in_place_since(started, calls);
+        }
+    }
+
+    #[cold]
+    fn count_in_place_since(
+        &self,
+        started: Instant,
+        calls: impl Iterator<Item = (u32, LaneMask)> + Clone,
+    ) {
+        let Some(counting) = &self.counting else {
             return;
         };
         let (time, counts) = (started.elapsed(), counting.counts);
@@ -205,24 +217,30 @@ impl<'a> Batch<'a> {
     }
 
     /// Callables in place have run, which shaders in place have called.
+    #[inline(always)]
     pub(super) fn count_nested(
         &self,
         started: Option<Instant>,
         nested: &[Nested],
         callers: &[InPlace],
     ) {
-        if let Some(counts) = self.launch_counts() {
-            let calls = nested
-                .iter()
-                .map(|call| (callers[call.caller].group, call.lanes));
-            for (group, lanes) in calls.clone() {
-                counts.add_one(
-                    Counter::Callables,
-                    &self.cells_of_rays(counts, group),
-                    lanes,
-                );
-            }
-            self.count_in_place(started, calls);
+        if let Some(started) = started {
+            self.count_nested_since(started, nested, callers);
+        }
+    }
+
+    #[cold]
+    fn count_nested_since(&self, started: Instant, nested: &[Nested], callers: &[InPlace]) {
+        let calls = nested
+            .iter()
+            .map(|call| (callers[call.caller].group, call.lanes));
+        self.count_in_place_since(started, calls.clone());
+        let Some(counts) = self.launch_counts() else {
+            return;
+        };
+        for (group, lanes) in calls {
+            let cells = self.cells_of_rays(counts, group);
+            counts.add_one(Counter::Callables, &cells, lanes);
         }
     }
 
@@ -231,7 +249,15 @@ impl<'a> Batch<'a> {
     }
 
     /// Hit and miss shaders begin in place.
+    #[inline(always)]
     pub(super) fn count_calls(&self, calls: &[InPlace]) {
+        if self.counting.is_some() {
+            self.count_each(calls);
+        }
+    }
+
+    #[cold]
+    fn count_each(&self, calls: &[InPlace]) {
         let Some(counts) = self.launch_counts() else {
             return;
         };

@@ -219,6 +219,18 @@ pub fn structure_in(operands: &Operands, lane: usize) -> u64 {
     word(operand::STRUCTURE) | word(operand::STRUCTURE + 1) << 32
 }
 
+/// The addresses that lanes name for their top levels: mostly one for all.
+pub fn structures_in(operands: &Operands, lanes: LaneMask) -> impl Iterator<Item = u64> {
+    let [low, high] = [operand::STRUCTURE, operand::STRUCTURE + 1].map(|row| &operands[row].0);
+    let is_one = alike(low, lanes) & alike(high, lanes) == lanes;
+    let named = if is_one {
+        LaneMask::of(lanes.first())
+    } else {
+        lanes
+    };
+    named.iter().map(move |lane| structure_in(operands, lane))
+}
+
 /// Lanes whose hits no closest-hit shader is to see.
 pub fn skips_closest_hit(operands: &Operands) -> LaneMask {
     LaneMask::with_any(

@@ -4,10 +4,10 @@
 
 use std::collections::BTreeSet;
 use std::num::NonZeroU32;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
-use lanes::LaneMask;
+use lanes::{LaneMask, Tier, by_lane};
 use parking_lot::Mutex;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::Row;
@@ -17,7 +17,7 @@ use traversal::{Hit, PACKET, Ray, RayCost, RayCosts, RayRows};
 pub const MOST_INVOCATIONS: u64 = 1 << 22;
 
 /// Invocations whose first rays are kept, at most.
-const MOST_LINES: u64 = 1 << 16;
+const MOST_LINES: u64 = 1 << 15;
 
 /// Numbers of a line: origin and direction.
 const LINE: usize = 6;
@@ -184,15 +184,14 @@ impl KeptInvocations {
         Some(Cell::at(cell))
     }
 
-    /// Where the lanes of a subgroup are kept: invocations of one layer.
-    pub fn cells(&self, x: &Row, y: &Row, z: u32) -> Cells {
-        let Some(Cell(layer)) = self.cell([self.first[0], self.first[1], z]) else {
-            return [None; SUBGROUP_SIZE];
-        };
+    /// Where lanes are kept, plus one; 0 of lanes that are not. `layer`: where the first invocation
+    /// of their layer is, plus one. Without branches, for all lanes at once.
+    #[inline(always)]
+    fn places(&self, x: &Row, y: &Row, layer: u32) -> Row {
         let [width, ..] = self.size;
         let shift = self.step.map(u32::trailing_zeros);
-        // Without branches, for all lanes at once.
-        let places: Row = std::array::from_fn(|lane| {
+        let mut places = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
             let across = x[lane].wrapping_sub(self.first[0]);
             let down = y[lane].wrapping_sub(self.first[1]);
             let is_inside = (across < self.extent[0]) & (down < self.extent[1]);
@@ -200,10 +199,48 @@ impl KeptInvocations {
             let place = (down >> shift[1])
                 .wrapping_mul(width)
                 .wrapping_add(across >> shift[0])
-                .wrapping_add(layer.get());
-            if is_inside & (between == 0) { place } else { 0 }
-        });
-        places.map(|place| NonZeroU32::new(place).map(Cell))
+                .wrapping_add(layer);
+            places[lane] = if is_inside & (between == 0) { place } else { 0 };
+        }
+        places
+    }
+}
+
+lanes::vectors! {
+    /// [`KeptInvocations::places`].
+    fn places_of<V>(_v, kept: &KeptInvocations, x: &Row, y: &Row, layer: u32) -> Row {
+        kept.places(x, y, layer)
+    }
+}
+
+lanes::vectors! {
+    /// The bits without a sign of the number of each ray that is farthest from 0; all bits where
+    /// one is NaN. Infinite ends of intervals do not count.
+    fn extremes<V>(_v, rays: &RayRows) -> Row {
+        let mut most = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            most[lane] = if rays.t_max[lane].is_nan() { u32::MAX } else { 0 };
+        }
+        let [ox, oy, oz] = &rays.origin;
+        let [dx, dy, dz] = &rays.direction;
+        for row in [&rays.t_min, ox, oy, oz, dx, dy, dz] {
+            for lane in 0..SUBGROUP_SIZE {
+                most[lane] = most[lane].max(row[lane].to_bits() & 0x7FFF_FFFF);
+            }
+        }
+        most
+    }
+}
+
+lanes::vectors! {
+    /// The largest of some numbers, and their sum.
+    fn most_and_sum<V>(_v, numbers: &[u32]) -> (u32, u64) {
+        let (mut most, mut sum) = (0, 0);
+        for &number in numbers {
+            most = most.max(number);
+            sum += u64::from(number);
+        }
+        (most, sum)
     }
 }
 
@@ -211,10 +248,13 @@ impl KeptInvocations {
 #[derive(Debug)]
 pub struct LaunchCounts {
     pub kept: KeptInvocations,
+    tier: Tier,
     /// How many are kept.
     length: usize,
     /// Slot by slot.
     counts: Vec<AtomicU32>,
+    /// Slots with numbers other than 0.
+    used: [AtomicBool; SLOTS],
     /// Where the first rays of some invocations are kept, by cell.
     kept_lines: KeptInvocations,
     /// Bits of their origins and directions; NaN before there is one.
@@ -229,6 +269,8 @@ pub struct LaunchCounts {
 #[derive(Default)]
 pub struct SpareCounts {
     counts: Vec<AtomicU32>,
+    /// Slots with numbers other than 0.
+    used: [bool; SLOTS],
     lines: Vec<[AtomicU32; LINE]>,
 }
 
@@ -239,19 +281,29 @@ impl LaunchCounts {
         let numbers = length.checked_mul(SLOTS)?;
         let SpareCounts {
             mut counts,
+            used,
             mut lines,
         } = spare;
-        counts.clear();
-        counts.try_reserve_exact(numbers).ok()?;
-        counts.resize_with(numbers, AtomicU32::default);
+        if counts.len() == numbers {
+            let slots = counts.chunks_exact_mut(length.max(1)).zip(used);
+            for (slot, _) in slots.filter(|(_, used)| *used) {
+                slot.fill_with(AtomicU32::default);
+            }
+        } else {
+            counts.clear();
+            counts.try_reserve_exact(numbers).ok()?;
+            counts.resize_with(numbers, AtomicU32::default);
+        }
         let kept_lines = KeptInvocations::new([0; 3], kept.size, MOST_LINES);
         let none = || [0; LINE].map(|_| AtomicU32::new(f32::NAN.to_bits()));
         lines.clear();
         lines.resize_with(if has_lines { kept_lines.count() } else { 0 }, none);
         Some(Self {
             kept,
+            tier: Tier::best(),
             length,
             counts,
+            used: Default::default(),
             kept_lines,
             lines,
             structures: Mutex::default(),
@@ -259,17 +311,31 @@ impl LaunchCounts {
         })
     }
 
+    /// A count of all invocations that are kept, which is added to.
     #[inline(always)]
-    fn count(&self, counter: Counter, cell: Cell) -> &AtomicU32 {
-        &self.counts[counter.slot() * self.length + cell.place() as usize]
+    fn of(&self, counter: Counter) -> &[AtomicU32] {
+        let used = &self.used[counter.slot()];
+        // Threads read it more often than they write it.
+        if !used.load(Ordering::Relaxed) {
+            used.store(true, Ordering::Relaxed);
+        }
+        &self.counts[counter.slot() * self.length..][..self.length]
+    }
+
+    /// Where the lanes of a subgroup are kept: invocations of one layer.
+    pub fn cells(&self, x: &Row, y: &Row, z: u32) -> Cells {
+        let [first_x, first_y, _] = self.kept.first;
+        let Some(Cell(layer)) = self.kept.cell([first_x, first_y, z]) else {
+            return [None; SUBGROUP_SIZE];
+        };
+        let places = places_of(self.tier, &self.kept, x, y, layer.get());
+        by_lane(|lane| NonZeroU32::new(places[lane]).map(Cell))
     }
 
     /// Adds to a count.
     #[inline]
     pub fn add(&self, counter: Counter, cell: Cell, number: u32) {
-        let count = self.count(counter, cell);
-        let sum = count.load(Ordering::Relaxed).saturating_add(number);
-        count.store(sum, Ordering::Relaxed);
+        add_to(self.of(counter), cell, number);
     }
 
     /// Adds 1 for each of some lanes.
@@ -278,8 +344,22 @@ impl LaunchCounts {
     }
 
     fn add_to_lanes(&self, counter: Counter, number: u32, cells: &Cells, lanes: LaneMask) {
+        let counts = self.of(counter);
         for cell in lanes.iter().filter_map(|lane| cells[lane]) {
-            self.add(counter, cell, number);
+            add_to(counts, cell, number);
+        }
+    }
+
+    /// Adds a number for each of some lanes.
+    fn add_row(&self, counter: Counter, numbers: &Row, cells: &Cells, lanes: LaneMask) {
+        if numbers.iter().fold(0, |any, number| any | number) == 0 {
+            return;
+        }
+        let counts = self.of(counter);
+        for lane in lanes {
+            if let Some(cell) = cells[lane] {
+                add_to(counts, cell, numbers[lane]);
+            }
         }
     }
 
@@ -296,6 +376,7 @@ impl LaunchCounts {
     }
 
     /// Adds the costs of rays that walked together in some time, which they share by their steps.
+    /// Other lanes have no costs.
     pub fn add_walks(
         &self,
         time: Duration,
@@ -303,31 +384,27 @@ impl LaunchCounts {
         lanes: LaneMask,
         costs: &[RayCost; PACKET],
     ) {
-        // Each takes the time of a step at least.
-        let steps: u64 = lanes
-            .iter()
-            .map(|lane| u64::from(costs[lane].steps) + 1)
-            .sum();
-        let each = nanoseconds(time) as f32 / steps as f32;
-        for lane in lanes {
-            if let Some(cell) = cells[lane] {
-                let cost = &costs[lane];
-                self.add_cost(cell, cost);
-                let time = each * (cost.steps + 1) as f32;
-                self.add(Counter::Nanoseconds, cell, time as u32);
+        let mut rows = [[0; PACKET]; OF_RAYS.len()];
+        for (lane, cost) in costs.iter().enumerate() {
+            for (row, number) in rows.iter_mut().zip(numbers(cost)) {
+                row[lane] = number;
             }
         }
+        for (counter, row) in OF_RAYS.into_iter().zip(&rows) {
+            self.add_row(counter, row, cells, lanes);
+        }
+        // Each takes the time of a step at least.
+        let steps = by_lane(|lane| u64::from(costs[lane].steps) + 1);
+        let all: u64 = lanes.iter().map(|lane| steps[lane]).sum();
+        // In 1/256 of a nanosecond. No ray's share is more than the time of all.
+        let each = (nanoseconds(time) << 8) / all.max(1);
+        let times = by_lane(|lane| (each.wrapping_mul(steps[lane]) >> 8) as u32);
+        self.add_row(Counter::Nanoseconds, &times, cells, lanes);
     }
 
     /// Adds the cost of a ray by itself.
     fn add_cost(&self, cell: Cell, cost: &RayCost) {
-        for (counter, number) in [
-            (Counter::Steps, cost.steps),
-            (Counter::BoxTests, cost.box_tests),
-            (Counter::PrimitiveTests, cost.primitive_tests),
-            (Counter::AnyHitCandidates, cost.any_hit_candidates),
-            (Counter::BoxCandidates, cost.box_candidates),
-        ] {
+        for (counter, number) in OF_RAYS.into_iter().zip(numbers(cost)) {
             if number != 0 {
                 self.add(counter, cell, number);
             }
@@ -342,28 +419,21 @@ impl LaunchCounts {
         rays: &RayRows,
         depth: impl Fn(usize) -> u32,
     ) {
+        let most = extremes(self.tier, rays);
         // Of the bits without a sign, those of infinities are the least that are not finite.
-        let bits = |number: f32| number.to_bits() & 0x7FFF_FFFF;
-        let most: Row = std::array::from_fn(|lane| {
-            let line = rays.origin.iter().chain(&rays.direction);
-            let most = line.fold(bits(rays.t_min[lane]), |most, row| {
-                most.max(bits(row[lane]))
-            });
-            let is_nan = rays.t_max[lane].is_nan();
-            if is_nan { u32::MAX } else { most }
-        });
         let infinite = f32::INFINITY.to_bits();
+        let (counts, depths) = (self.of(Counter::Rays), self.of(Counter::Depth));
         for lane in lanes {
             let Some(cell) = cells[lane] else {
                 continue;
             };
-            let count = self.count(Counter::Rays, cell);
+            let count = &counts[cell.place() as usize];
             let before = count.load(Ordering::Relaxed);
             if before == 0 && !self.lines.is_empty() {
                 self.keep_line(cell, rays, lane);
             }
             count.store(before.saturating_add(1), Ordering::Relaxed);
-            let (depth, deepest) = (depth(lane), self.count(Counter::Depth, cell));
+            let (depth, deepest) = (depth(lane), &depths[cell.place() as usize]);
             if depth > deepest.load(Ordering::Relaxed) {
                 deepest.store(depth, Ordering::Relaxed);
             }
@@ -378,10 +448,20 @@ impl LaunchCounts {
     /// Keeps the line of an invocation's first ray, if its cell is one of some.
     fn keep_line(&self, cell: Cell, rays: &RayRows, lane: usize) {
         let [width, height, _] = self.kept.size;
-        let (row, x) = (cell.place() / width, cell.place() % width);
-        if let Some(cell) = self.kept_lines.cell([x, row % height, row / height])
-            && let Some(line) = self.lines.get(cell.place() as usize)
-        {
+        let [step, down, deep] = self.kept_lines.step;
+        // Rows of whole steps: most cells need no division.
+        let is_whole = width & (step - 1) == 0;
+        if is_whole && cell.place() & (step - 1) != 0 {
+            return;
+        }
+        let line = if is_whole && (down, deep) == (1, 1) {
+            Some(cell.place() >> step.trailing_zeros())
+        } else {
+            let (row, x) = (cell.place() / width, cell.place() % width);
+            let kept = self.kept_lines.cell([x, row % height, row / height]);
+            kept.map(Cell::place)
+        };
+        if let Some(line) = line.and_then(|line| self.lines.get(line as usize)) {
             for (to, from) in line.iter().zip(rays.origin.iter().chain(&rays.direction)) {
                 to.store(from[lane].to_bits(), Ordering::Relaxed);
             }
@@ -409,10 +489,12 @@ impl LaunchCounts {
 
     /// Notes the top levels that rays name.
     pub fn note_structures(&self, addresses: impl Iterator<Item = u64>) {
+        let mut latest = self.latest_structure.load(Ordering::Relaxed);
         for address in addresses {
-            if address == self.latest_structure.load(Ordering::Relaxed) {
+            if address == latest {
                 continue;
             }
+            latest = address;
             let mut structures = self.structures.lock();
             if structures.len() < MAX_STRUCTURES {
                 structures.insert(address);
@@ -430,6 +512,7 @@ impl LaunchCounts {
     pub fn finish(self) -> FinishedCounts {
         FinishedCounts {
             kept: self.kept,
+            used: self.used.map(AtomicBool::into_inner),
             counts: self.counts.into_iter().map(AtomicU32::into_inner).collect(),
             first_rays: FirstRays {
                 kept: self.kept_lines,
@@ -441,6 +524,35 @@ impl LaunchCounts {
     }
 }
 
+/// Counts of a ray by itself.
+const OF_RAYS: [Counter; 5] = [
+    Counter::Steps,
+    Counter::BoxTests,
+    Counter::PrimitiveTests,
+    Counter::AnyHitCandidates,
+    Counter::BoxCandidates,
+];
+
+/// The numbers of [`OF_RAYS`].
+#[inline(always)]
+fn numbers(cost: &RayCost) -> [u32; OF_RAYS.len()] {
+    [
+        cost.steps,
+        cost.box_tests,
+        cost.primitive_tests,
+        cost.any_hit_candidates,
+        cost.box_candidates,
+    ]
+}
+
+/// Adds to a count of an invocation.
+#[inline(always)]
+fn add_to(counts: &[AtomicU32], cell: Cell, number: u32) {
+    let count = &counts[cell.place() as usize];
+    let sum = count.load(Ordering::Relaxed).saturating_add(number);
+    count.store(sum, Ordering::Relaxed);
+}
+
 fn nanoseconds(time: Duration) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }
@@ -448,6 +560,8 @@ fn nanoseconds(time: Duration) -> u64 {
 /// Counts that no longer change.
 pub struct FinishedCounts {
     pub kept: KeptInvocations,
+    /// Slots with numbers other than 0.
+    used: [bool; SLOTS],
     counts: Vec<u32>,
     first_rays: FirstRays,
 }
@@ -467,6 +581,14 @@ impl FinishedCounts {
         &self.counts[counter.slot() * length..][..length]
     }
 
+    /// The largest number of a count, and the sum of all.
+    pub fn most_and_sum(&self, counter: Counter) -> (u32, u64) {
+        match self.used[counter.slot()] {
+            true => most_and_sum(Tier::best(), self.values(counter)),
+            false => (0, 0),
+        }
+    }
+
     /// The first rays, if any invocation has traced one and they are kept.
     pub fn first_rays(&self) -> Option<&FirstRays> {
         let is_there = |line: &[f32; LINE]| line.iter().any(|number| !number.is_nan());
@@ -479,6 +601,7 @@ impl FinishedCounts {
         let atomic = |number: f32| AtomicU32::new(number.to_bits());
         let lines = self.first_rays.lines.into_iter();
         SpareCounts {
+            used: self.used,
             counts: self.counts.into_iter().map(AtomicU32::new).collect(),
             lines: lines.map(|line| line.map(atomic)).collect(),
         }

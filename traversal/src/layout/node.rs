@@ -1,8 +1,10 @@
 //! Nodes in memory that others may write at any time.
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::*;
 use std::marker::PhantomData;
 
-use super::{Node, WIDTH};
+use super::{Node, WIDTH, child};
 
 /// A node in a blob. Reads copy: a word is read once, checked, and then used.
 #[derive(Clone, Copy)]
@@ -51,6 +53,26 @@ impl NodeAt<'_> {
     pub fn children(self) -> [u32; WIDTH] {
         // SAFETY: the node is there.
         unsafe { (&raw const (*self.0).children).read_volatile() }
+    }
+
+    /// How many children there are.
+    #[inline(always)]
+    pub fn child_count(self) -> u32 {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: SSE2 is part of x86-64; eight words of a node that is there.
+        unsafe {
+            let words = (&raw const (*self.0).children).cast::<__m128i>();
+            let none = _mm_set1_epi32(child::NONE as i32);
+            let is_none = |half| _mm_cmpeq_epi32(_mm_loadu_si128(words.add(half)), none);
+            let missing = _mm_movemask_epi8(_mm_packs_epi32(is_none(0), is_none(1)));
+            // Two bits of each.
+            WIDTH as u32 - missing.count_ones() / 2
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            let words = self.children();
+            words.iter().filter(|&&word| word != child::NONE).count() as u32
+        }
     }
 }
 

@@ -441,7 +441,7 @@ unsafe fn walk_opaque<const ANY: bool>(
 /// # Safety
 /// The machine has AVX2.
 #[inline(never)]
-#[target_feature(enable = "avx2,bmi1,bmi2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 unsafe fn walk_opaque_metered<M: Meter, const ANY: bool>(
     way: &Opaque<'_>,
     best: &mut Nearest,

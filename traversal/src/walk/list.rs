@@ -107,7 +107,7 @@ unsafe fn run_avx512(turns: &mut Turns<'_, '_, Unmetered>, walker: &mut Walker, 
 /// # Safety
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,bmi1,bmi2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 unsafe fn run_avx2<M: Meter>(turns: &mut Turns<'_, '_, M>, walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller guarantees that the machine has the function's features.
     unsafe { turns.run::<super::avx::Avx<false>>(walker, fuel) }

@@ -84,7 +84,7 @@ pub(crate) fn run_metered<M: Meter>(
 /// # Safety
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,bmi1,bmi2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 unsafe fn run_metered_avx2<M: Meter>(
     walk: &mut Walk,
     verdict: Verdict,
