@@ -117,7 +117,7 @@ fn for_windows(options: &Options) -> Result<ExitCode> {
         let status = cargo.status().context("starting cargo")?;
         ensure!(status.success(), "building {package} failed");
     }
-    let built = workspace::target()?.join(windows::PLATFORM).join("release");
+    let built = windows::programs("release")?;
     let mut packaging = packaging(options, DLL_FROM_MANIFEST, loader)?;
     packaging.arg("--driver").arg(built.join(windows::LIBRARY));
     packaging.arg("--program").arg(built.join("tuff.exe"));

@@ -45,8 +45,19 @@ impl Library {
     }
 }
 
-/// Cargo with one of its commands, for programs of the platform; they lie in the target folder
-/// below the platform's name.
+/// The target folder of builds for the platform. It is not the one of this machine's programs:
+/// build scripts run again when `RUSTC_BOOTSTRAP` changes, so that builds with and without the
+/// variable would compile each other's dependencies anew.
+pub fn target() -> Result<PathBuf> {
+    Ok(workspace::target()?.join("windows"))
+}
+
+/// The folder of programs that are built for the platform, in a profile.
+pub fn programs(profile: &str) -> Result<PathBuf> {
+    Ok(target()?.join(PLATFORM).join(profile))
+}
+
+/// Cargo with one of its commands, for programs of the platform. [`programs`] says where they are.
 ///
 /// # Errors
 /// The linker or Rust's library is missing. The message says what to install.
@@ -57,7 +68,8 @@ pub fn cargo(command: &str) -> Result<Command> {
     );
     let library = Library::of(&sysroot()?)?;
     let mut cargo = workspace::cargo();
-    cargo.args([command, "--target", PLATFORM]);
+    cargo.args([command, "--target", PLATFORM, "--target-dir"]);
+    cargo.arg(target()?);
     if library == Library::Built {
         cargo.arg("-Zbuild-std=std,panic_unwind");
         // The option is for nightly compilers, and the sources fit this one alone.

@@ -70,7 +70,7 @@ pub fn test(order: &Order) -> Result<ExitCode> {
     driver.args(["--package", "icd"]);
     let status = driver.status().context("starting cargo")?;
     ensure!(status.success(), "building icd failed");
-    let folder = workspace::target()?.join(PLATFORM).join("debug");
+    let folder = windows::programs("debug")?;
     let manifest = folder.join("tuff_icd.json");
     let library = on_drive(&folder.join(windows::LIBRARY));
     write_manifest(&manifest, library.as_ref())?;
@@ -132,7 +132,7 @@ fn cargo(command: &str) -> Result<Command> {
 
 /// Has a program find the Wine of the target folder.
 fn set_wine(program: &mut Command) -> Result<()> {
-    let prefix = workspace::target()?.join(PLATFORM).join("wine");
+    let prefix = windows::target()?.join("wine");
     program.env("WINEPREFIX", prefix);
     // A new one asks whether to install a browser and .NET.
     program.env("WINEDLLOVERRIDES", "mscoree=;mshtml=;vulkan-1=n");
