@@ -125,7 +125,7 @@ impl Level {
         let reach = ray.origin.iter().fold(0f32, |most, c| most.max(c.abs()));
         let uncertainty = self.structure.origin_error() * reach;
         self.ray
-            .set(ray.origin, ray.direction, ray.t_min, uncertainty);
+            .set_for_boxes(ray.origin, ray.direction, ray.t_min, uncertainty);
     }
 
     /// Enters the bottom level of an instance of `top`; false if the ray has no business there.

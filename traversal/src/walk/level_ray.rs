@@ -88,20 +88,63 @@ impl LevelRay {
     /// Sets up a finite ray. `uncertainty` is how far the ray may be off on each axis.
     #[inline(always)]
     pub fn set(&mut self, origin: [f32; 3], direction: [f32; 3], t_min: f32, uncertainty: f32) {
-        let origin = [origin[0], origin[1], origin[2], 0.0];
-        let direction = [direction[0], direction[1], direction[2], 1.0];
-        self.origin = origin;
-        self.direction = direction;
-        let inverse = reciprocals(direction);
+        let (origin, direction, inverse) = self.start(origin, direction, t_min);
         self.orient(origin, direction, inverse);
-        self.scale = 1.0;
-        self.t_min = max(t_min, 0.0);
         let size = self.direction[self.axes[2] as usize].abs();
         let inverse = if MODEST.contains(&size) {
             inverse
         } else {
             self.rescale(t_min)
         };
+        self.bound(origin, direction, inverse, uncertainty);
+    }
+
+    /// As [`Self::set`], for tests of boxes alone: what those of triangles need is left as it was.
+    #[inline(always)]
+    pub fn set_for_boxes(
+        &mut self,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        t_min: f32,
+        uncertainty: f32,
+    ) {
+        let (origin, direction, inverse) = self.start(origin, direction, t_min);
+        let [x, y, z, _] = direction.map(f32::abs);
+        let inverse = if MODEST.contains(&max(x, max(y, z))) {
+            inverse
+        } else {
+            self.orient(origin, direction, inverse);
+            self.rescale(t_min)
+        };
+        self.bound(origin, direction, inverse, uncertainty);
+    }
+
+    /// Takes a ray over; returns its origin, its direction and the reciprocals of that.
+    #[inline(always)]
+    fn start(
+        &mut self,
+        origin: [f32; 3],
+        direction: [f32; 3],
+        t_min: f32,
+    ) -> ([f32; 4], [f32; 4], [f32; 4]) {
+        let origin = [origin[0], origin[1], origin[2], 0.0];
+        let direction = [direction[0], direction[1], direction[2], 1.0];
+        self.origin = origin;
+        self.direction = direction;
+        self.scale = 1.0;
+        self.t_min = max(t_min, 0.0);
+        (origin, direction, reciprocals(direction))
+    }
+
+    /// Sets what tests of boxes need.
+    #[inline(always)]
+    fn bound(
+        &mut self,
+        origin: [f32; 4],
+        direction: [f32; 4],
+        inverse: [f32; 4],
+        uncertainty: f32,
+    ) {
         if self.widen(origin, direction, inverse, uncertainty) {
             self.leave_out_tiny();
         }
