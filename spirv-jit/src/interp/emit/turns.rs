@@ -562,7 +562,10 @@ impl<'m> Emitter<'m> {
         if !results.iter().flatten().all(is_word) {
             return None;
         }
-        match ways.alike.contains(inst.args.last()?) {
+        // Results of such loads are the same in all lanes, also in those that do not come here.
+        let is_alike =
+            ways.alike.contains(inst.args.last()?) || self.operand(*inst.args.last()?).is_uniform();
+        match is_alike {
             true => {
                 let is_shared = (inst.results.iter()).all(|result| ways.shared.contains(result));
                 (ways.turns).load_at_one_place(number, (&offset, is_shared), &results)

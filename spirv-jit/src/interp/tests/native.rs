@@ -9,7 +9,7 @@ mod refused;
 
 use std::fmt::Write;
 
-use lanes::Tier as TierKind;
+use lanes::{LaneMask, Tier as TierKind};
 
 use super::Bench;
 use crate::environment::Descriptor;
@@ -89,13 +89,28 @@ fn memory() -> Descriptor {
     }
 }
 
-/// The results of a program in each lane, by output row.
+/// The lanes with which a subgroup starts: all, some, or those of one half.
+fn lanes_of(seed: u64, subgroup: usize) -> LaneMask {
+    let some = word(!seed, 99, subgroup) as u16;
+    let lanes = match (seed / 3) % 4 {
+        0 => some & 0xff00 | 0x1000,
+        1 => some & 0x00ff | 0x0001,
+        2 => some | 0x0010,
+        _ => u16::MAX,
+    };
+    (0..16).filter(|lane| lanes >> lane & 1 != 0).collect()
+}
+
+/// The results of a program in each active lane, by output row; zero in others.
 type Outputs = Vec<Vec<u32>>;
 
 fn run(program: Program, seed: u64, subgroups: usize) -> Outputs {
     let subgroups = subgroups.min(program.max_wave_subgroups());
     let mut bench = Bench::of(program, subgroups);
     bench.environment.push_constants = memory();
+    for (s, state) in bench.states.iter_mut().enumerate() {
+        bench.program.start(state, lanes_of(seed, s));
+    }
     for (k, word) in bench.shared.iter_mut().enumerate() {
         *word = (k as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     }
@@ -106,7 +121,10 @@ fn run(program: Program, seed: u64, subgroups: usize) -> Outputs {
     let fuel = [1_000_000, 1, 3][seed as usize % 3];
     while bench.run(&mut fuel.clone()) == Event::OutOfFuel {}
     let rows = 0..bench.program.output_rows() as usize;
-    rows.map(|row| bench.io(row)).collect()
+    let active = |lane: usize| lanes_of(seed, lane / 16).contains(lane % 16);
+    let shown = |(lane, word)| if active(lane) { word } else { 0 };
+    rows.map(|row| bench.io(row).into_iter().enumerate().map(shown).collect())
+        .collect()
 }
 
 /// NaN payloads aside, in output rows that are floats.
