@@ -108,6 +108,10 @@ impl Turns {
                 return Some(turn);
             }
         }
+        if waits && is_long {
+            // Two subgroups in turn wait less than four one after another.
+            return None;
+        }
         let steps = ordered(&steps, infos.len(), subgroups, false)?;
         let turn = allocate_turn(&steps, infos, &mut self.carried, outside, a).ok()?;
         let moves = match is_long {
