@@ -133,8 +133,8 @@ pub(super) struct LoopPlan {
     /// Parameters that are the same in all subgroups that take it together, and which of those have
     /// 64 bits.
     pub shared: Vec<(Operand, bool)>,
-    /// Memory that it loads from: descriptors that are uniform.
-    pub regions: Vec<Operand>,
+    /// Memory that it loads from or, where that is said, stores to: descriptors that are uniform.
+    pub regions: Vec<(Operand, bool)>,
     /// Code accesses memory of a subgroup's own.
     pub takes_own: bool,
 }

@@ -69,17 +69,21 @@ unsafe fn find_memory(
         (*context).private_rows = m.plan.private_rows as u32;
         (*context).zeros = &raw const ZEROS;
         let regions = (&raw mut (*context).regions).cast::<Region>();
-        for (k, &operand) in plan.regions.iter().enumerate() {
+        for (k, &(operand, is_written)) in plan.regions.iter().enumerate() {
             let descriptor = m.environment.descriptor(m.lane(operand, 0, 0, true));
             let base = descriptor.address as *const u8;
-            (regions.add(k)).write(Region::new(base, descriptor.size_bytes));
+            let none = match is_written {
+                true => &raw const (*context).dropped,
+                false => &raw const ZEROS,
+            };
+            (regions.add(k)).write(Region::new(base, descriptor.size_bytes, none));
         }
         if !plan.takes_own {
             return;
         }
         for &subgroup in m.listed() {
             let (base, size_bytes) = m.workgroup_memory(subgroup);
-            let region = Region::new(base, size_bytes);
+            let region = Region::new(base, size_bytes, &raw const ZEROS);
             (regions.add(WORKGROUP)).write(region);
             own[subgroup as usize] = Own {
                 private: m.state_row(subgroup as usize, m.plan.private).cast(),

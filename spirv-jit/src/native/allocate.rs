@@ -9,6 +9,7 @@ mod carry;
 mod exit;
 mod gather;
 mod private;
+mod scatter;
 mod words;
 
 pub(super) use carry::{Alike, Carried, Outside, Turn, allocate_turn};
@@ -97,6 +98,10 @@ pub(super) enum Form {
     /// Stores the second operand, in lanes of the first, to such a row; the third operand has its
     /// number. The result's register is scratch.
     StoreRow(Option<u32>),
+    /// Stores the third operand at the places that the first operand says, in lanes of the second.
+    /// The immediate is the region's number, the form's the constant of lanes' distances where
+    /// words may lie one behind another. The result's register is scratch. AVX2 only.
+    Scatter(Option<u32>),
     /// As [`Form::Gather`], at places from the first private row on.
     GatherRows,
     /// Stores the third operand, in lanes of the second, at such places.
@@ -133,7 +138,7 @@ impl Form {
         use Form::*;
         matches!(
             self,
-            Leave | Gather(_) | GatherRows | ScatterRows | StoreRow(_)
+            Leave | Gather(_) | Scatter(_) | GatherRows | ScatterRows | StoreRow(_)
         )
     }
 }
@@ -429,6 +434,9 @@ impl<'a> Allocation<'a> {
             Form::Gather(distance) => {
                 let steps = (step.count == 3).then_some((distance, c));
                 return self.gather(step, to, [register(a), register(b)], steps);
+            }
+            Form::Scatter(steps) => {
+                return self.scatter(step, to, operands.map(register), steps.map(Memory::Pool));
             }
             Form::InOrder => return self.in_order(step.op, to, [register(a), register(b)]),
             Form::LoadOne { first, last } => {

@@ -56,7 +56,7 @@ pub(crate) type LoopCode =
 /// Bytes from the mask of a subgroup's active lanes to that of those that stay in a loop.
 pub(crate) const STAYING: usize = 32;
 
-/// Memory that a loop loads words from.
+/// Memory that a loop loads words from, or stores words to.
 #[repr(C, align(64))]
 #[derive(Clone, Copy)]
 pub(crate) struct Region {
@@ -67,11 +67,12 @@ pub(crate) struct Region {
 }
 
 impl Region {
-    /// Of so many bytes, of which words are loaded that are inside as a whole.
-    pub fn new(base: *const u8, size_bytes: u64) -> Region {
+    /// Of so many bytes, of which words are accessed that are inside as a whole. `none`: the word
+    /// that is accessed instead where there are none.
+    pub fn new(base: *const u8, size_bytes: u64, none: *const u32) -> Region {
         let (last, base) = match size_bytes.min(1 << 32).checked_sub(4) {
             Some(last) => ((last as u32 ^ 1 << 31) as i32, base),
-            None => (i32::MIN, (&raw const ZEROS).cast()),
+            None => (i32::MIN, none.cast()),
         };
         Region {
             last: [last; SUBGROUP_SIZE],
@@ -85,7 +86,7 @@ impl Region {
     }
 }
 
-/// A loop loads from so many buffers, at most.
+/// A loop accesses so many buffers, at most; one that it loads from and stores to counts twice.
 pub(crate) const MAX_REGIONS: usize = 8;
 
 /// The number of workgroup memory among regions. Each subgroup has a base of its own.
@@ -111,6 +112,8 @@ pub(crate) struct LoopContext {
     pub private_rows: u32,
     /// Where loads of one word read that are not inside.
     pub zeros: *const u32,
+    /// Where stores to regions without words go.
+    pub dropped: u32,
     pub regions: [Region; MAX_REGIONS + 1],
 }
 

@@ -15,6 +15,7 @@ mod halves;
 mod hoist;
 mod lower;
 mod private;
+mod stores;
 #[cfg(test)]
 mod tests;
 mod turns;
@@ -379,12 +380,18 @@ impl Stretch {
     }
 
     fn constant(&mut self, constant: Constant) -> Virtual {
+        let index = self.constant_index(constant);
+        self.value(Class::Vector, Some(Memory::Pool(index)), true)
+    }
+
+    /// The number of a constant behind the code.
+    fn constant_index(&mut self, constant: Constant) -> u32 {
         let known = self.pool.iter().position(|&other| other == constant);
         let index = known.unwrap_or_else(|| {
             self.pool.push(constant);
             self.pool.len() - 1
         });
-        self.value(Class::Vector, Some(Memory::Pool(index as u32)), true)
+        index as u32
     }
 
     fn and(&mut self, a: Virtual, word: u32) -> Virtual {

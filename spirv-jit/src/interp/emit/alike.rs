@@ -12,7 +12,10 @@ pub(super) enum Extent {
     /// Those of a subgroup.
     Subgroup,
     /// Those of all subgroups that take a loop together, which enter it with the same parameters.
-    Together,
+    Together {
+        /// Loads of the same offset are the same: the loop stores nothing.
+        loads: bool,
+    },
 }
 
 /// Values that a loop defines and that are the same in all lanes of an extent that come to them.
@@ -94,15 +97,17 @@ fn turn(
 fn gives_alike(inst: &Inst, extent: Extent, is_alike: impl Fn(Value) -> bool) -> bool {
     use SubgroupOp::*;
     let are_alike = || inst.args.iter().all(|&arg| is_alike(arg));
-    let is_together = extent == Extent::Together;
     match inst.op {
         Op::Load(access) => {
-            // Subgroups may be of several workgroups.
-            let is_shared =
-                access.space == Space::Buffer || access.space == Space::Shared && !is_together;
-            is_shared && !access.volatile && are_alike()
+            let is_same = match (access.space, extent) {
+                (Space::Buffer, Extent::Together { loads }) => loads,
+                // Subgroups may be of several workgroups.
+                (space, Extent::Subgroup) => matches!(space, Space::Buffer | Space::Shared),
+                _ => false,
+            };
+            is_same && !access.volatile && are_alike()
         }
-        Op::Subgroup(_) if is_together => false,
+        Op::Subgroup(_) if extent != Extent::Subgroup => false,
         Op::Subgroup(All | Any | AllEqual | Ballot | BroadcastFirst) => true,
         Op::Subgroup(Reduce { cluster, .. }) => usize::from(cluster) == SUBGROUP_SIZE,
         Op::Subgroup(Shuffle) => is_alike(inst.args[1]),

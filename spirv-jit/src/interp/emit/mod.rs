@@ -9,6 +9,7 @@ use lanes::Tier as TierKind;
 mod alike;
 mod body;
 mod inst;
+mod loop_facts;
 mod native;
 mod prologue;
 mod turns;

@@ -5,6 +5,7 @@ use foldhash::{HashMap, HashSet};
 use smallvec::SmallVec;
 
 use super::alike::{Extent, alike};
+use super::loop_facts::{indirect_loads, needs_both_halves, stores_words, used};
 use super::native::{ALIGNMENT, Native};
 use super::{Emitter, instr};
 use crate::interp::code::LoopPlan;
@@ -51,7 +52,7 @@ struct Written {
     /// As [`LoopPlan`] has them.
     left_to: u32,
     shared: Vec<(Operand, bool)>,
-    regions: Vec<Operand>,
+    regions: Vec<(Operand, bool)>,
     takes_own: bool,
 }
 
@@ -75,7 +76,7 @@ struct Ways<'m> {
     /// Mask of the label that lanes leave to.
     left_to: Option<u32>,
     /// As [`LoopPlan`] has them.
-    regions: Vec<Operand>,
+    regions: Vec<(Operand, bool)>,
     /// Values that are the same in all lanes that come to them.
     alike: HashSet<Value>,
     /// Those of them that are the same in all subgroups that take the loop together.
@@ -89,89 +90,14 @@ struct Ways<'m> {
     used: HashSet<Value>,
 }
 
-/// Whether there are operations that need to know a subgroup's lanes: across lanes, or on private
-/// memory.
-fn needs_both_halves(body: &Body) -> bool {
-    body.steps().any(|step| match step {
-        Step::Inst(inst) => match inst.op {
-            Op::Load(access) | Op::Store(access) => access.space == Space::Private,
-            Op::Subgroup(_) | Op::VarLoad(..) | Op::VarStore(..) => true,
-            _ => false,
-        },
-        _ => false,
-    })
-}
-
-/// The values that a body's operations and branches take.
-fn used(body: &Body) -> HashSet<Value> {
-    let mut used = HashSet::default();
-    for step in body.steps() {
-        match step {
-            Step::Inst(inst) => used.extend(&inst.args),
-            Step::Open(Node::If { condition, .. }) => {
-                used.insert(*condition);
-            }
-            Step::End(body) => {
-                if let Terminator::Br(_, args) = &body.end {
-                    used.extend(args);
-                }
-            }
-            _ => {}
-        }
-    }
-    used
-}
-
 /// Whether a private row holds all of a value.
 fn is_row(place: &IrOperand) -> bool {
     place.ty.rows() == 1 && place.ty != Type::I1
 }
 
-/// How many loads of a loop are from places that other loads of the loop decide.
-fn indirect_loads(node: &Node) -> usize {
-    let Node::Loop { body, .. } = node else {
-        return 0;
-    };
-    let mut loaded: HashSet<Value> = HashSet::default();
-    loop {
-        let before = loaded.len();
-        let mut loads = 0;
-        let mut results: Vec<(Label, &[Value])> = node
-            .label()
-            .map(|label| (label, node.definitions()))
-            .into_iter()
-            .collect();
-        for step in body.steps() {
-            match step {
-                Step::Inst(inst) => {
-                    let depends = inst.args.iter().any(|arg| loaded.contains(arg));
-                    let is_load =
-                        matches!(inst.op, Op::Load(access) if access.space != Space::Private);
-                    loads += (is_load && depends) as usize;
-                    if is_load || depends {
-                        loaded.extend(&inst.results);
-                    }
-                }
-                Step::Open(node) => {
-                    results.extend(node.label().map(|label| (label, node.definitions())));
-                }
-                Step::End(Body {
-                    end: Terminator::Br(label, args),
-                    ..
-                }) => {
-                    let target = results.iter().find(|(other, _)| other == label);
-                    let pairs = target.into_iter().flat_map(|(_, to)| to.iter().zip(args));
-                    let from_loads = pairs.filter(|(_, from)| loaded.contains(from));
-                    let to: Vec<Value> = from_loads.map(|(&to, _)| to).collect();
-                    loaded.extend(to);
-                }
-                _ => {}
-            }
-        }
-        if loaded.len() == before {
-            return loads;
-        }
-    }
+/// Whether a place is of a word of each lane.
+fn is_word(place: &IrOperand) -> bool {
+    place.ty.rows() == 1 && place.ty.size_bytes() == 4
 }
 
 impl<'m> Emitter<'m> {
@@ -275,7 +201,10 @@ impl<'m> Emitter<'m> {
         let encoding = self.native.as_ref()?.encoding();
         let is_uniform = |value| self.operand(value).is_uniform();
         let shared = match encoding {
-            Encoding::Vex if subgroups > 1 => alike(node, Extent::Together, is_uniform),
+            Encoding::Vex if subgroups > 1 => {
+                let loads = !stores_words(body);
+                alike(node, Extent::Together { loads }, is_uniform)
+            }
             _ => HashSet::default(),
         };
         let alike = alike(node, Extent::Subgroup, is_uniform);
@@ -491,15 +420,39 @@ impl<'m> Emitter<'m> {
         Some(if when { [None, Some(lanes)] } else { both })
     }
 
-    /// A store to private memory.
+    /// A store of a word of each lane, or to private memory.
     fn store(&self, access: Access, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
         let (&row, values) = inst.args.split_first()?;
         match access.space {
             Space::Private if !access.is_strided => {
                 self.store_private(self.private_row(row, ways), values, ways)
             }
+            // Code does not know which lanes are helper invocations.
+            _ if self.module.stage == Stage::Fragment => None,
+            Space::Buffer | Space::Shared => self.store_word(access, inst, ways),
             _ => None,
         }
+    }
+
+    /// A store of a word of each lane to a buffer or to workgroup memory.
+    fn store_word(&self, access: Access, inst: &Inst, ways: &mut Ways<'m>) -> Option<()> {
+        let (number, offset, value) = match (access.space, &inst.args[..]) {
+            _ if access.volatile || access.is_strided => return None,
+            (Space::Buffer, &[descriptor, offset, value]) => {
+                (self.region(descriptor, true, ways)?, offset, value)
+            }
+            // There is a word, where offsets outside of it would go.
+            (Space::Shared, &[offset, value]) if self.module.shared_size_bytes >= 4 => {
+                (WORKGROUP, offset, value)
+            }
+            _ => return None,
+        };
+        let (place, word) = (self.place(offset), self.place(value));
+        if !is_word(&word) {
+            return None;
+        }
+        let distance = ways.distances.get(&offset).copied().unwrap_or(0);
+        (ways.turns).store(ways.lanes?, number, (&place, distance), &word)
     }
 
     /// The private row that a value names.
@@ -552,13 +505,12 @@ impl<'m> Emitter<'m> {
         }
         let number = match (access.space, &inst.args[..]) {
             _ if access.volatile => return None,
-            (Space::Buffer, [descriptor, _]) => self.region(*descriptor, ways)?,
+            (Space::Buffer, [descriptor, _]) => self.region(*descriptor, false, ways)?,
             (Space::Shared, [_]) => WORKGROUP,
             _ => return None,
         };
         let offset = self.place(*inst.args.last()?);
         let results = self.results(inst, ways);
-        let is_word = |place: &IrOperand| place.ty.rows() == 1 && place.ty.size_bytes() == 4;
         if !results.iter().flatten().all(is_word) {
             return None;
         }
@@ -583,9 +535,9 @@ impl<'m> Emitter<'m> {
     }
 
     /// The number of a buffer among a loop's regions.
-    fn region(&self, descriptor: Value, ways: &mut Ways<'m>) -> Option<usize> {
-        let region = self.operand(descriptor);
-        if !region.is_uniform() {
+    fn region(&self, descriptor: Value, is_written: bool, ways: &mut Ways<'m>) -> Option<usize> {
+        let region = (self.operand(descriptor), is_written);
+        if !region.0.is_uniform() {
             return None;
         }
         let known = ways.regions.iter().position(|&other| other == region);

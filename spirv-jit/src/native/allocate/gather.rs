@@ -87,7 +87,7 @@ fn first_of_run(
 }
 
 /// `r13` = the address of the offset 2³¹ of a step's region.
-fn region_base(a: &mut Assembler, step: &Step) {
+pub(super) fn region_base(a: &mut Assembler, step: &Step) {
     let region = region_of(step);
     if region == WORKGROUP {
         return own(a, step.subgroup, std::mem::offset_of!(Own, workgroup));
@@ -140,7 +140,7 @@ fn inside_address(a: &mut Assembler, step: &Step) {
 }
 
 /// `to` = distances of places from the first lane's. AVX2 only.
-fn distances(a: &mut Assembler, to: Register, index: Register) {
+pub(super) fn distances(a: &mut Assembler, to: Register, index: Register) {
     a.vector(PBROADCASTD, (to, 0, Operand::Register(index)), 0, None);
     a.vector(PSUBD, (to, index, Operand::Register(to)), 0, None);
 }

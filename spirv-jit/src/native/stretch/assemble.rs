@@ -252,7 +252,7 @@ fn gains_by_four(steps: &[Step], values: usize, halves: usize) -> bool {
     let has_other_use = |step: &Step| {
         matches!(
             step.form,
-            Form::OfBits | Form::OfFirst | Form::ScatterRows | Form::OfVote(_)
+            Form::OfBits | Form::OfFirst | Form::ScatterRows | Form::Scatter(_) | Form::OfVote(_)
         )
     };
     !steps.iter().any(has_other_use) && chains(steps, values, halves) as usize > halves / 2

@@ -526,7 +526,7 @@ impl Stretch {
     }
 
     /// The lanes of some whose word, at an offset less 2³¹, is inside.
-    fn inside(&mut self, offset: Virtual, last: Virtual, lanes: Virtual) -> Virtual {
+    pub(super) fn inside(&mut self, offset: Virtual, last: Virtual, lanes: Virtual) -> Virtual {
         match self.encoding {
             Encoding::Evex => {
                 let inside = self.condition(PCMPD, offset, last, int::LE);

@@ -329,3 +329,169 @@ fn loops_hand_values_round() {
         );
     });
 }
+
+/// A loop stores words in the order of turns and of lanes, of which each sees what others stored
+/// before: one behind another, apart, across each other, at the ends of memory and outside of it.
+#[test]
+fn loops_store_words_in_order() {
+    const SIZE_BYTES: u64 = (1 << 32) - 6;
+    const TURNS: u32 = 5;
+    /// Two take their turns together, one by itself.
+    const LANES: usize = 3 * 16;
+    let run = |start: u32, distance: u32| {
+        let own = move |lane: u32| {
+            distance
+                .wrapping_mul(lane % 16)
+                .wrapping_add(lane / 16 << 24)
+        };
+        std::array::from_fn::<u32, LANES, _>(|lane| start.wrapping_add(own(lane as u32)))
+    };
+    let places = [
+        run(0x4000, 4),
+        run(0x4001, 4),
+        // From one end of memory to the other.
+        run(0x7fff_ffe0, 4),
+        run(0xffff_ffd0, 4),
+        run(0x8000_0000, 3),
+        run(0x1234_5678, 0),
+        run(0xffff_fff0, 1),
+        run(0x5000, 0x9e37_79b0),
+        run(0x6100, 0xffff_fffc),
+    ];
+    on_tiers(|tier| {
+        let memory = Sparse::new(1 << 32);
+        let mut bench = Bench::new(
+            "module closest_hit
+            inputs payload.0, payload.1, payload.2
+            output_rows 2
+            func f0 {
+                v0: descriptor = push_constants
+                v1: i32 = input[0]
+                v2: i32 = input[1]
+                v3: i32 = input[2]
+                v4: i32 = const 0
+                v5: i32 = const 1
+                v6: i32 = const 8
+                v7: i32 = const 2
+                v30: i32 = const 1073741823
+                block L0 -> (v8: i32, v9: i32) {
+                    loop L1 (v10: i32, v11: i32, v12: i32) = (v4, v4, v4) {
+                        v13: i1 = ult v10, v2
+                        if v13, L2 {
+                            br L2
+                        } else {
+                            br L0(v11, v12)
+                        }
+                        v14: i32 = imul v10, v6
+                        v15: i32 = iadd v1, v14
+                        v16: i32 = imul v15, v3
+                        v17: i32 = iadd v16, v10
+                        store.buffer v0, v15, v17
+                        v18: i32 = load.buffer v0, v1
+                        v19: i32 = iadd v11, v18
+                        v20: i32 = and v1, v30
+                        v21: i32 = shl v20, v7
+                        store.buffer v0, v21, v18
+                        v22: i32 = load.buffer v0, v3
+                        v23: i32 = iadd v12, v22
+                        v24: i32 = iadd v10, v5
+                        br L1(v24, v19, v23)
+                    }
+                    unreachable
+                }
+                end(v8, v9)
+            }",
+            tier,
+            LANES / 16,
+        );
+        let native = bench.program.native_loops();
+        assert_eq!(native, (tier == TierKind::Avx2) as usize, "{tier:?}");
+        for (k, places) in places.iter().enumerate() {
+            for (size_bytes, fuel) in [(SIZE_BYTES, 1000), (SIZE_BYTES, 1), (3, 1000), (0, 1000)] {
+                bench.environment.push_constants = Descriptor {
+                    address: memory.as_mut_ptr() as u64,
+                    size_bytes,
+                    ..Descriptor::NULL
+                };
+                let other = |lane: usize| places[lane & !15 | k];
+                let bound = |lane: usize| (lane as u32 * 7 + k as u32) % TURNS;
+                let states = bench.states.iter_mut();
+                states.for_each(|state| bench.program.start(state, lanes::LaneMask::ALL));
+                bench.input(0, |lane| places[lane]);
+                bench.input(1, bound);
+                bench.input(2, other);
+                let mut expected = Expected::new(&memory, size_bytes);
+                let mut sums = [[0u32; LANES]; 2];
+                for turn in 0..TURNS {
+                    let lanes = || (0..LANES).filter(|&lane| turn < bound(lane));
+                    for lane in lanes() {
+                        let place = places[lane].wrapping_add(8 * turn);
+                        let value = place.wrapping_mul(other(lane)).wrapping_add(turn);
+                        expected.store(place, value);
+                    }
+                    let load = |lane| (lane, expected.load(places[lane]));
+                    let loaded: Vec<(usize, u32)> = lanes().map(load).collect();
+                    for &(lane, word) in &loaded {
+                        sums[0][lane] = sums[0][lane].wrapping_add(word);
+                        expected.store(places[lane] << 2, word);
+                    }
+                    for lane in lanes() {
+                        let word = expected.load(other(lane));
+                        sums[1][lane] = sums[1][lane].wrapping_add(word);
+                    }
+                }
+                while bench.run(&mut fuel.clone()) == Event::OutOfFuel {}
+                for (row, sums) in sums.iter().enumerate() {
+                    assert_eq!(bench.io(row), sums, "{row}, {tier:?}, {places:x?}");
+                }
+                expected.check();
+            }
+        }
+    });
+}
+
+/// Bytes that a loop is to have stored.
+struct Expected<'m> {
+    memory: &'m Sparse,
+    size_bytes: u64,
+    stored: std::collections::HashMap<u64, u8>,
+}
+
+impl Expected<'_> {
+    fn new(memory: &Sparse, size_bytes: u64) -> Expected<'_> {
+        Expected {
+            memory,
+            size_bytes,
+            stored: Default::default(),
+        }
+    }
+
+    fn is_inside(&self, place: u32) -> bool {
+        u64::from(place) + 4 <= self.size_bytes
+    }
+
+    fn store(&mut self, place: u32, word: u32) {
+        if self.is_inside(place) {
+            self.stored
+                .extend((u64::from(place)..).zip(word.to_le_bytes()));
+        }
+    }
+
+    fn load(&self, place: u32) -> u32 {
+        if !self.is_inside(place) {
+            return 0;
+        }
+        let byte = |at: u64| match self.stored.get(&at) {
+            Some(&byte) => byte,
+            None => self.memory.read::<1>(at)[0],
+        };
+        let first = u64::from(place);
+        u32::from_le_bytes([first, first + 1, first + 2, first + 3].map(byte))
+    }
+
+    fn check(&self) {
+        for (&at, &byte) in &self.stored {
+            assert_eq!(self.memory.read::<1>(at), [byte], "{at:#x}");
+        }
+    }
+}

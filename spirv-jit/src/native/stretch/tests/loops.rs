@@ -49,6 +49,8 @@ fn memory_of_loops_is_at_the_pointers_that_code_was_given() {
             if is_paired || encoding == Encoding::Evex {
                 let rows = (PrivateRow::Apart(word), 5);
                 turns.store_private(stay, rows, &[word]).unwrap();
+                let stored = turns.store(stay, 4, (&counter, 4), &word);
+                assert_eq!(stored.is_some(), encoding == Encoding::Vex);
                 let more = [Some(at(7, Type::I32)), None, Some(at(8, Type::F32))];
                 turns
                     .load_at_one_place(WORKGROUP, (&bound, false), &more)
