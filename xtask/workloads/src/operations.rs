@@ -126,9 +126,11 @@ const SHORTS: &str = "uint16_t x = uint16_t(seed), y = uint16_t(hash(seed)), z =
 const BYTES: &str = "uint8_t x = uint8_t(seed), y = uint8_t(hash(seed)), z = uint8_t(number);";
 const SUM: &str = "uint x = seed, sum = 0u;";
 
-/// Of a float, an integer, and an integer that drivers may differ in.
+/// Of a float, an integer, the upper half of a long one (drivers compute no more than is read), and
+/// an integer that drivers may differ in.
 const FLOAT: &str = "float(x)";
 const INT: &str = "float(uint(x) & 0xffffu) / 65536.0";
+const LONG: &str = "float(uint(x >> 32) & 0xffffu) / 65536.0";
 const HIDDEN: &str = "unit(x) + float(sum & 0xffffu) * zero";
 
 const NONE: Need = Need::Nothing;
@@ -139,7 +141,7 @@ const LARGE_GRID: &str = "shared float left[64 * 16], right[16 * 64];";
 
 /// All of them, in the order of the report.
 pub static ALL: &[Operation] = &[
-    plain("f32 add", NONE, FLOATS, "x += y; y -= x;", FLOAT),
+    plain("f32 add", NONE, FLOATS, "x += y; x = z - x;", FLOAT),
     plain("f32 mul", NONE, FLOATS, "x *= y; x *= 1.5;", FLOAT),
     plain("f32 fma", NONE, FLOATS, "x = fma(x, y, z);", FLOAT),
     plain("f32 div", NONE, FLOATS, "x = y / (x + 1.0);", FLOAT),
@@ -159,15 +161,15 @@ pub static ALL: &[Operation] = &[
     plain("i32 highest bit", NONE, WORD, "x = y + uint(findMSB(x)); y ^= x << 9;", INT),
     plain("i8 add mul", Need::Int8, BYTES, "x = x * y + z; y += x;", INT),
     plain("i16 add mul", Need::Int16, SHORTS, "x = x * y + z; y += x;", INT),
-    plain("i64 add", Need::Int64, LONGS, "x += y; y -= x;", INT),
-    plain("i64 mul", Need::Int64, LONGS, "x = x * y + z;", INT),
-    plain("i64 shift", Need::Int64, LONGS, "x = (x << 7) ^ (x >> 9) ^ y;", INT),
-    plain("f16 add", Need::Half, HALVES, "x += y; y -= x;", FLOAT),
+    plain("i64 add", Need::Int64, LONGS, "x += y; y -= x;", LONG),
+    plain("i64 mul", Need::Int64, LONGS, "x = x * y + z;", LONG),
+    plain("i64 shift", Need::Int64, LONGS, "x = (x << 7) ^ (x >> 9) ^ y;", LONG),
+    plain("f16 add", Need::Half, HALVES, "x += y; x = z - x;", FLOAT),
     plain("f16 fma", Need::Half, HALVES, "x = fma(x, y, z);", FLOAT),
     plain("f16 div", Need::Half, HALVES, "x = y / (x + z);", FLOAT),
     plain("f16 sqrt", Need::Half, HALVES, "x = sqrt(x + z);", FLOAT),
     plain("f16 to f32", Need::Half, HALVES, "x = float16_t(float(x) * 0.75 + 0.125);", FLOAT),
-    plain("f64 add", Need::Double, DOUBLES, "x += y; y -= x;", FLOAT),
+    plain("f64 add", Need::Double, DOUBLES, "x += y; x = z - x;", FLOAT),
     plain("f64 fma", Need::Double, DOUBLES, "x = fma(x, y, z);", FLOAT),
     plain("f64 div", Need::Double, DOUBLES, "x = y / (x + 1.0);", FLOAT),
     plain("f64 sqrt", Need::Double, DOUBLES, "x = sqrt(x + z);", FLOAT),
