@@ -340,20 +340,14 @@ impl Program {
     }
 
     /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper
-    /// invocations; `outputs`: as [`Frame::outputs`](crate::Frame::outputs).
+    /// invocations. No output is zeroed: an invocation that ends writes all of its own, unless it
+    /// has become a helper.
     ///
     /// # Panics
     /// As [`Self::start`].
-    pub fn start_fragments(
-        &self,
-        state: &mut [AlignedRow],
-        active: LaneMask,
-        helpers: LaneMask,
-        outputs: Option<usize>,
-    ) {
-        let outputs = outputs.unwrap_or(usize::MAX);
-        self.plan
-            .start(self.number, state, (active, helpers), outputs);
+    #[inline]
+    pub fn start_fragments(&self, state: &mut [AlignedRow], active: LaneMask, helpers: LaneMask) {
+        self.plan.start(self.number, state, (active, helpers), 0);
     }
 
     /// Lanes of a fragment program's ended state that are helper invocations: from the start, or

@@ -128,7 +128,7 @@ pub struct Runner {
     /// Created by the first shader with a ray query.
     walker: Option<Box<Walker>>,
     queries: Queries,
-    /// Pending rays of these subgroups' ray queries.
+    /// Pending rays of these subgroups' ray queries, up to the last subgroup that ever had one.
     waiting: Vec<Owned>,
     /// Fuel used since the last check of the limits.
     burnt: u64,
@@ -221,7 +221,6 @@ impl Runner {
         for left in &mut self.waiting {
             self.queries.release(left);
         }
-        self.waiting.resize_with(subgroups.count, Owned::default);
         // The specification leaves the values undefined. Zeros make the results of faulty shaders
         // repeatable.
         self.shared.fill(AlignedRow::default());
@@ -251,6 +250,11 @@ impl Runner {
     /// The states of all subgroups.
     pub fn states(&mut self) -> std::slice::ChunksExactMut<'_, AlignedRow> {
         self.states.chunks_exact_mut(self.rows)
+    }
+
+    /// The states of all subgroups, one after the other, and the rows of one.
+    pub fn all_states(&self) -> (&[AlignedRow], usize) {
+        (&self.states, self.rows)
     }
 
     /// The state of one subgroup.
@@ -446,6 +450,15 @@ impl Runner {
     /// Records the status of subgroups after a run.
     fn settle(&mut self, run: &Run<'_>, members: &[usize], events: Events) -> Result<(), Stopped> {
         let program = run.program;
+        if events.contains(Event::End) {
+            for &member in members {
+                self.status[member] = Status::Ended;
+            }
+            if self.has_barriers {
+                self.pass_barriers(members);
+            }
+            return Ok(());
+        }
         for (&member, event) in members.iter().zip(events.iter()) {
             let state = &mut self.states[member * self.rows..][..self.rows];
             self.points[member] = program.resume_point(state);
@@ -467,6 +480,9 @@ impl Runner {
                     SiteKind::BarrierWait if self.arrivals.is_empty() => Status::Ready,
                     SiteKind::BarrierWait => Status::AtWait,
                     SiteKind::RayQueryProceed => {
+                        if self.waiting.len() <= member {
+                            self.waiting.resize_with(member + 1, Owned::default);
+                        }
                         self.queries.proceed(
                             self.walker.get_or_insert_with(|| settings().walker()),
                             program,

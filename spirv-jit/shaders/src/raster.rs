@@ -129,7 +129,7 @@ fn run_to_end(
     };
     let layout = program.layout();
     let mut state = vec![AlignedRow::default(); layout.rows];
-    program.start_fragments(&mut state, lanes.active, lanes.helpers, None);
+    program.start_fragments(&mut state, lanes.active, lanes.helpers);
     for (index, &row) in program.inputs().iter().enumerate() {
         for lane in 0..16 {
             state[layout.inputs + index].0[lane] = input(row, lane);

@@ -6,7 +6,7 @@ use lanes::vector::Vector;
 
 use super::blend::Range;
 use super::lanes::{load_words, numbers, rows_of, words};
-use super::texels::TexelWords;
+use super::places::TexelWords;
 use crate::object::graphics_state::{AdvancedBlend, BlendAttachment};
 
 /// Whether an operation is an advanced one.

@@ -3,7 +3,7 @@
 use ash::vk::{BlendFactor, BlendOp, LogicOp};
 use lanes::vector::Vector;
 
-use super::texels::TexelWords;
+use super::places::TexelWords;
 use crate::object::graphics_state::BlendAttachment;
 
 /// The numbers of a fixed-point format, to which everything is clamped before blending.
@@ -149,28 +149,55 @@ impl Over {
     }
 
     /// Whether a component is multiplied with the source's alpha.
+    #[inline(always)]
     pub fn times_alpha(self, component: usize) -> bool {
         self.times_alpha[usize::from(component == 3)]
+    }
+
+    /// The blend over stored colours of a source with that alpha, in a format of a range.
+    #[inline(always)]
+    pub fn with_alpha<V: Vector>(self, v: V, range: Range, alpha: V::F) -> Laid<V> {
+        let alpha = range.clamp(v, alpha);
+        Laid {
+            over: self,
+            range,
+            alpha,
+            rest: range.clamp(v, v.sub(v.splat(1.0), alpha)),
+        }
     }
 
     /// As [`blend`].
     #[inline(always)]
     pub fn blend<V: Vector>(self, v: V, source: &[V::F; 4], destination: &[V::F; 4]) -> [V::F; 4] {
-        let [mut r, mut g, mut b, alpha] = self.range.clamp_colors(v, source);
-        let rest = self.range.clamp(v, v.sub(v.splat(1.0), alpha));
-        let mut a = alpha;
-        if self.times_alpha[0] {
-            (r, g, b) = (v.mul(r, alpha), v.mul(g, alpha), v.mul(b, alpha));
-        }
-        if self.times_alpha[1] {
-            a = v.mul(a, alpha);
-        }
+        let laid = self.with_alpha(v, self.range, source[3]);
         [
-            v.add(r, v.mul(destination[0], rest)),
-            v.add(g, v.mul(destination[1], rest)),
-            v.add(b, v.mul(destination[2], rest)),
-            v.add(a, v.mul(destination[3], rest)),
+            laid.over(v, 0, source[0], destination[0]),
+            laid.over(v, 1, source[1], destination[1]),
+            laid.over(v, 2, source[2], destination[2]),
+            laid.over(v, 3, source[3], destination[3]),
         ]
+    }
+}
+
+/// [`Over`] with the source's alpha.
+#[derive(Clone, Copy)]
+pub struct Laid<V: Vector> {
+    over: Over,
+    range: Range,
+    alpha: V::F,
+    /// The factor of the stored colour.
+    rest: V::F,
+}
+
+impl<V: Vector> Laid<V> {
+    /// Blends one component.
+    #[inline(always)]
+    pub fn over(&self, v: V, component: usize, source: V::F, destination: V::F) -> V::F {
+        let mut source = self.range.clamp(v, source);
+        if self.over.times_alpha(component) {
+            source = v.mul(source, self.alpha);
+        }
+        v.add(source, v.mul(destination, self.rest))
     }
 }
 

@@ -1,8 +1,8 @@
-//! Texels of one byte of a row or a block, as words: stencil values.
+//! Texels of one byte of a row or a block, as words.
 
 use lanes::vector::Vector;
 
-use super::texels::{Pattern, Places, quad};
+use super::places::{Pattern, Places, quad};
 use crate::raster::Target;
 
 /// The bytes of the rows of a block from those of its quads, or those of quads from those of rows:

@@ -10,12 +10,13 @@ use spirv_jit::program::AlignedRow;
 use super::advanced::blend_advanced;
 use super::blend::{Over, Range, operate_words};
 use super::lanes::{load_words, numbers, rows_of, words};
-use super::texels::{Places, TexelWords, load, load_word, store, store_word};
+use super::places::{Places, TexelWords};
+use super::texels::{load, load_word, store, store_word};
 use crate::object::graphics_state::{BlendAttachment, GraphicsState};
 use crate::raster::Target;
 
 /// Bits of 1.0.
-const ONE: u32 = 0x3f80_0000;
+pub(super) const ONE: u32 = 0x3f80_0000;
 
 /// Factors that ask for the second colour of a fragment.
 const SECOND: [BlendFactor; 4] = [
@@ -30,7 +31,7 @@ pub type ComponentRows = [Option<usize>; 4];
 
 /// How colours become texels.
 #[derive(Clone, Copy)]
-enum Coding {
+pub(super) enum Coding {
     /// Four normalised bytes: bits to shift.
     Bytes([u32; 4]),
     /// So many 16-bit floats.
@@ -62,14 +63,14 @@ pub struct Color {
     pub(super) blend: Option<BlendAttachment>,
     pub(super) over: Option<Over>,
     pub(super) bytes: Option<Bytes>,
-    coding: Coding,
+    pub(super) coding: Coding,
     pub(super) range: Range,
     pub(super) logic_op: Option<LogicOp>,
     /// By word of a texel: bits that are written.
     written: [u32; 4],
     /// Those are all.
     pub(super) writes_all: bool,
-    alpha_to_one: bool,
+    pub(super) alpha_to_one: bool,
 }
 
 lanes::vectors! {
@@ -425,55 +426,6 @@ impl Color {
         }
     }
 
-    /// The rows of the components in the order of the bytes, and alpha.
-    #[inline(always)]
-    fn in_order<V: Vector>(&self, v: V, bytes: &Bytes, rows: &[AlignedRow]) -> ([V::F; 4], V::F) {
-        // One by one: a loop would keep them in memory.
-        let [a, b, c, d] = bytes.components;
-        let source = [
-            self.number(v, a, rows),
-            self.number(v, b, rows),
-            self.number(v, c, rows),
-            self.number(v, d, rows),
-        ];
-        (source, self.number(v, 3, rows))
-    }
-
-    #[inline(always)]
-    fn number<V: Vector>(&self, v: V, index: usize, rows: &[AlignedRow]) -> V::F {
-        match index == 3 && self.alpha_to_one {
-            true => v.splat(1.0),
-            false => v.bits_to_f(component(v, self.source[index % 4], rows)),
-        }
-    }
-
-    /// Writes the colours of the first sample; `rows` are the program's outputs.
-    ///
-    /// # Safety
-    /// As [`load`].
-    #[inline(always)]
-    pub(super) unsafe fn put_bytes<V: Vector>(
-        &self,
-        v: V,
-        bytes: &Bytes,
-        rows: &[AlignedRow],
-        places: &Places,
-        mask: u16,
-    ) {
-        let (source, alpha) = self.in_order(v, bytes, rows);
-        // SAFETY: the caller keeps the contract of `load`.
-        unsafe {
-            let texels = match bytes.over {
-                None => to_bytes(v, source),
-                Some(times_alpha) => {
-                    let old = load_word(v, &self.target, places, 0, mask);
-                    SourceOver::new(v, source, alpha, times_alpha).over(v, old)
-                }
-            };
-            store_word(v, &self.target, places, 0, mask, texels);
-        }
-    }
-
     /// The blend of one colour over the attachment, if blending is of that kind: components of a
     /// colour.
     #[inline(always)]
@@ -520,29 +472,6 @@ impl Color {
         true
     }
 
-    /// Blends colours over those of the first sample; `rows` are the program's outputs.
-    ///
-    /// # Safety
-    /// As [`load`].
-    #[inline(always)]
-    pub(super) unsafe fn lay_over<V: Vector>(
-        &self,
-        v: V,
-        over: Over,
-        rows: &[AlignedRow],
-        places: &Places,
-        mask: u16,
-    ) {
-        let source = numbers(v, &self.rows(v, &self.source, rows));
-        // SAFETY: the caller keeps the contract of `load`.
-        unsafe {
-            let old = load(v, &self.target, places, 0, mask);
-            let blended = over.blend(v, &source, &numbers(v, &self.decode(v, &old)));
-            let new = self.encode(v, &words(v, &blended));
-            self.put_over(v, places, 0, mask, &new, &old);
-        }
-    }
-
     /// Writes texels that do not depend on the stored ones, except by masks and logic operations.
     ///
     /// # Safety
@@ -585,7 +514,15 @@ impl Color {
         words: &[V::I; 4],
         old: &[V::I; 4],
     ) {
-        let mut merged = *words;
+        let merged = self.merged(v, *words, old);
+        // SAFETY: the caller keeps the contract of `load`.
+        unsafe { store(v, &self.target, places, sample, mask, &merged) };
+    }
+
+    /// The words with the bits of the old ones that are not written.
+    #[inline(always)]
+    pub(super) fn merged<V: Vector>(&self, v: V, words: [V::I; 4], old: &[V::I; 4]) -> [V::I; 4] {
+        let mut merged = words;
         if !self.writes_all {
             for index in 0..4 {
                 let changed = v.xor_i(words[index], old[index]);
@@ -593,7 +530,6 @@ impl Color {
                 merged[index] = v.xor_i(old[index], v.and_i(changed, written));
             }
         }
-        // SAFETY: the caller keeps the contract of `load`.
-        unsafe { store(v, &self.target, places, sample, mask, &merged) };
+        merged
     }
 }

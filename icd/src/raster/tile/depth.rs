@@ -8,7 +8,8 @@ use lanes::vector::{Task, Vector};
 
 use super::bytes::{load_bytes, store_bytes};
 use super::lanes::Row;
-use super::texels::{Pattern, Places, load, store};
+use super::places::{Pattern, Places};
+use super::texels::{load, store};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
 

@@ -11,9 +11,11 @@ use super::depth::{Plain, Tested};
 use super::interpolation::{clamped, depths, interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
 use super::pass_through::{Change, Part, PassThrough, Texels, Value, texels_of};
+use super::places::{Pattern, Places};
 use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, count};
-use super::texels::{Pattern, Places, fill, load_word, store, store_word};
+use super::scalar::fill;
+use super::texels::{load_word, store, store_word};
 use crate::raster::Target;
 
 lanes::vectors! {
@@ -112,12 +114,7 @@ impl<V: Vector> DirectPrimitive<'_, V> {
     #[inline(always)]
     unsafe fn paint(&self, covered: &Covered, counts: &mut Counts) {
         let plan = self.plan;
-        let mut whole = [0; MAX_SAMPLES];
-        for (sample, mask) in whole.iter_mut().enumerate().take(plan.samples as usize) {
-            if plan.sample_mask >> sample & 1 != 0 {
-                *mask = u16::MAX;
-            }
-        }
+        let whole = plan.whole();
         if whole == [0; MAX_SAMPLES] {
             return;
         }

@@ -171,8 +171,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         let v = self.v;
         let origin_x = self.of_records(|record| i32::from(record.origin[0]) as u32);
         let origin_y = self.of_records(|record| i32::from(record.origin[1]) as u32);
-        let x = v.sub_i(self.of_quads(&self.fragments.x), origin_x);
-        let y = v.sub_i(self.of_quads(&self.fragments.y), origin_y);
+        let x = v.sub_i(self.of_quads(self.fragments.x), origin_x);
+        let y = v.sub_i(self.of_quads(self.fragments.y), origin_y);
         // Exact: records start within 2²¹ pixels, and halves fit beside that.
         let x = v.add(v.to_f(x), v.load(&self.inputs.in_quad[0]));
         let y = v.add(v.to_f(y), v.load(&self.inputs.in_quad[1]));
@@ -346,8 +346,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
                     _ => third,
                 })
             }
-            InputRowSource::CoordX => self.coordinate(&fragments.x, 0),
-            InputRowSource::CoordY => self.coordinate(&fragments.y, 1),
+            InputRowSource::CoordX => self.coordinate(fragments.x, 0),
+            InputRowSource::CoordY => self.coordinate(fragments.y, 1),
             InputRowSource::Depth => {
                 let at = self.coordinates(position);
                 v.bits_of(self.plane(at, |quad| fragments.records[quad].depth))
@@ -365,7 +365,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
                 v.bits_of(self.plane(at, |quad| extra(quad).point_coord[axis]))
             }
             InputRowSource::SampleId => {
-                let [a, b, c, d] = fragments.sample;
+                let [a, b, c, d] = *fragments.sample;
                 v.quads(&[a.into(), b.into(), c.into(), d.into()])
             }
             InputRowSource::SamplePosition(axis) => {

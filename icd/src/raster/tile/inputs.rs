@@ -194,10 +194,10 @@ pub struct Fragments<'a> {
     /// Of each quad's record.
     pub chunks: [&'a Chunk; 4],
     /// First pixels of the quads.
-    pub x: [i32; 4],
-    pub y: [i32; 4],
+    pub x: &'a [i32; 4],
+    pub y: &'a [i32; 4],
     /// Samples that the invocations are for, where there is one for each.
-    pub sample: [u8; 4],
+    pub sample: &'a [u8; 4],
     /// Covered lanes, by sample.
     pub coverage: &'a [u16],
 }
@@ -302,8 +302,8 @@ impl Inputs {
     }
 
     /// The steps from which the varyings of one primitive's fragments are computed.
-    pub fn steps(&self, fragments: &Fragments<'_>, steps: &mut Steps) {
-        let (record, outputs) = (fragments.records[0], &fragments.chunks[0].outputs[..]);
+    pub fn steps(&self, record: &Record, chunk: &Chunk, steps: &mut Steps) {
+        let outputs = &chunk.outputs[..];
         steps.rows.resize(self.fills.len(), [0.0; 3]);
         let rows = &mut steps.rows[..];
         let mut constant = 0;

@@ -33,15 +33,19 @@ mod pack;
 mod parts;
 mod pass_through;
 mod pixels;
+mod places;
 mod plan;
 mod rectangle;
 mod samples;
+mod scalar;
 mod shading;
 mod small_rectangle;
+mod squares;
 #[cfg(test)]
 mod tests;
 mod texels;
 mod visit;
+mod write;
 
 use ::lanes::Tier;
 use parking_lot::Mutex;

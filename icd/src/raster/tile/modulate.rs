@@ -15,9 +15,10 @@ use super::interpolation::{interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of};
 use super::output::Output;
 use super::pass_through::{Change, Part, Value};
+use super::places::{Pattern, Places};
 use super::rectangle::{Cells, EdgeTest, Rectangle};
 use super::samples::Counts;
-use super::texels::{Pattern, Places, load_word, store_word};
+use super::texels::{load_word, store_word};
 use crate::raster::primitive::{Bounds, Edge, PlaneEquation, Record};
 
 /// How a program's fragments are worked off that way.

@@ -11,8 +11,9 @@ use super::advanced::is_advanced;
 use super::blend::blend;
 use super::color::{Color, color};
 use super::lanes::{Floats, LANE_X, LANE_Y, floats_of, lanes_where, numbers, words};
+use super::places::Places;
 use super::samples::MAX_SAMPLES;
-use super::texels::{Places, fetch, load};
+use super::texels::{fetch, load};
 use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS};
 use crate::raster::Targets;
 
@@ -53,7 +54,7 @@ fn dithered(places: &Places) -> Floats {
 
 /// The destination of a program's outputs.
 pub struct Output {
-    samples: u32,
+    pub(super) samples: u32,
     /// The row of the first colour's alpha, where the coverage of smooth lines goes into it.
     pub smooth_alpha: Option<usize>,
     pub colors: Vec<Color>,
@@ -175,67 +176,12 @@ impl Output {
         }
     }
 
-    /// Whether [`Self::write_bytes`] serves for all attachments, and all fragments that a program
+    /// Whether all attachments have four bytes and one sample, and all fragments that a program
     /// leaves are written.
     pub fn is_bytes(&self) -> bool {
         let are_bytes = self.colors.iter().all(|color| color.bytes.is_some());
         let is_plain = !self.drops_samples() && self.smooth_alpha.is_none();
         self.samples == 1 && are_bytes && is_plain
-    }
-
-    /// Writes the colours of sixteen fragments of one sample where [`Self::is_bytes`] holds.
-    /// `rows`: the program's outputs.
-    ///
-    /// # Safety
-    /// As [`load`], for all attachments.
-    #[inline(always)]
-    pub unsafe fn write_bytes<V: Vector>(
-        &self,
-        v: V,
-        rows: &[AlignedRow],
-        places: &Places,
-        mask: u16,
-    ) {
-        for color in &self.colors {
-            if let Some(bytes) = &color.bytes {
-                // SAFETY: the caller keeps the contract of `load`, for all attachments.
-                unsafe { color.put_bytes(v, bytes, rows, places, mask) };
-            }
-        }
-    }
-
-    /// Writes the colours of sixteen fragments to the samples of the masks. `rows`: the program's
-    /// outputs.
-    ///
-    /// # Safety
-    /// As [`load`], for all attachments.
-    #[inline(always)]
-    pub unsafe fn write<V: Vector>(
-        &self,
-        v: V,
-        rows: &[AlignedRow],
-        places: &Places,
-        masks: &[u16; MAX_SAMPLES],
-    ) {
-        for color in &self.colors {
-            if let (Some(bytes), 1) = (&color.bytes, self.samples) {
-                // SAFETY: the caller keeps the contract of `load`, for all attachments.
-                unsafe { color.put_bytes(v, bytes, rows, places, masks[0]) };
-                continue;
-            }
-            if let (Some(over), Some(_), 1) = (color.over, &color.blend, self.samples) {
-                // SAFETY: the caller keeps the contract of `load`, for all attachments.
-                unsafe { color.lay_over(v, over, rows, places, masks[0]) };
-                continue;
-            }
-            let source = color.rows(v, &color.source, rows);
-            let second = match color.has_second {
-                true => color.rows(v, &color.second, rows),
-                false => source,
-            };
-            // SAFETY: the caller keeps the contract of `load`, for all attachments.
-            unsafe { self.write_color(v, color, &source, &second, places, masks) };
-        }
     }
 
     /// Writes one attachment's colours.

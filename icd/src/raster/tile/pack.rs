@@ -4,8 +4,8 @@
 //! those along the edges that primitives share.
 
 use super::lanes::{lanes_of, quads_of};
+use super::places::{Pattern, Places};
 use super::samples::{MAX_SAMPLES, any, masks_of};
-use super::texels::{Pattern, Places};
 use crate::raster::primitive::Bounds;
 
 /// Quads along a tile's side, and blocks.
@@ -54,6 +54,23 @@ impl Pack {
     /// Lanes with a covered sample.
     pub fn covered(&self) -> u16 {
         any(&self.masks)
+    }
+
+    /// All of a 4×4 block in the render area.
+    pub fn whole(origin: Origin, layer: u32, masks: &[u16; MAX_SAMPLES]) -> Self {
+        Self {
+            places: Places {
+                layer: [layer; 4],
+                pattern: Pattern::Block,
+                ..Places::default()
+            },
+            origins: [origin; 4],
+            is_uniform: true,
+            masks: *masks,
+            coverage: *masks,
+            quads: 0xf,
+            ..Self::default()
+        }
     }
 
     /// Lanes of quads that are there.
@@ -199,9 +216,24 @@ impl Packs {
         (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(quad_place(place, quad)) != 0)
     }
 
+    /// Adds the fragments of the block at a place; `whole`: see [`Pack::whole`].
+    #[inline(always)]
+    pub fn add_whole(&mut self, whole: &Pack, place: [i32; 2]) {
+        self.blocks[block(place)] = self.note(self.packs.len());
+        self.packs.push(*whole);
+        if let Some(pack) = self.packs.last_mut() {
+            let [x, y] = place;
+            (pack.places.x, pack.places.y) = ([x, x + 2, x, x + 2], [y, y, y + 2, y + 2]);
+        }
+    }
+
     /// Adds the fragments of a block. `joins`: to quads of other primitives, too; a block with at
     /// least this many quads gets a separate subgroup.
     pub fn add(&mut self, found: &Found<'_>, joins: Option<u32>) {
+        if found.lanes == u16::MAX {
+            // Nothing can join with it, nor it with others.
+            return self.add_block(found, 0xf);
+        }
         let Some(own) = joins else {
             return self.add_with(found, |_| ());
         };

@@ -6,10 +6,10 @@ use spirv_jit::Program;
 use super::coarse::{Gather, PartOf};
 use super::lanes::lanes_where;
 use super::pack::Pack;
+use super::places::{Pattern, Places};
 use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, any};
 use super::shading::finish;
-use super::texels::{Pattern, Places};
 use crate::object::shading_rate::Rate;
 use crate::raster::Chunk;
 use crate::raster::primitive::Bounds;
@@ -69,7 +69,7 @@ impl Gather {
                 let helpers = program.helpers(from).bits();
                 let helpers = lanes_where(|lane| helpers >> sources[lane] & 1 != 0);
                 let (all, helpers) = (LaneMask::from_bits(u16::MAX), LaneMask::from_bits(helpers));
-                program.start_fragments(state, all, helpers, Some(outputs));
+                program.start_fragments(state, all, helpers);
                 for (to, from) in state[io..][..outputs].iter_mut().zip(&from[io..]) {
                     to.0 = std::array::from_fn(|lane| from.0[sources[lane]]);
                 }
@@ -89,7 +89,7 @@ impl Gather {
                     plan,
                     program,
                     states,
-                    &self.parts,
+                    &mut self.parts,
                     counts,
                     wave.counted,
                 );

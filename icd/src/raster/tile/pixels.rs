@@ -3,7 +3,7 @@
 #![forbid(unsafe_code)]
 
 use super::lanes::{LANE_X, LANE_Y};
-use super::texels::Places;
+use super::places::Places;
 use crate::wave::launch_counts::{Cells, Counter, LaunchCounts};
 
 /// The cells of some lanes, whose pixels are `1 << logs` apart.

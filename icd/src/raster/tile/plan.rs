@@ -13,7 +13,7 @@ use super::inputs::Inputs;
 use super::modulate::Sampled;
 use super::output::Output;
 use super::pass_through::PassThrough;
-use super::samples::Locations;
+use super::samples::{Locations, MAX_SAMPLES};
 use crate::object::graphics_state::{GraphicsState, MAX_VIEWPORTS};
 use crate::object::shading_rate::Rate;
 use crate::raster::primitive::Record;
@@ -188,6 +188,26 @@ impl<'a> Plan<'a> {
     #[inline(always)]
     pub fn plain(&self) -> Option<&Fragment<'a>> {
         self.program.as_ref().filter(|_| self.is_plain)
+    }
+
+    /// Whether blocks that are covered as a whole go to the program as they are.
+    #[inline(always)]
+    pub fn takes_squares(&self) -> bool {
+        let runs = |it: &Fragment<'_>| !(it.is_serial || it.per_sample);
+        let is_first = self.order == Order::Late || self.tests.is_empty();
+        is_first && self.coarse.is_none() && self.program.as_ref().is_some_and(runs)
+    }
+
+    /// The masks of a block that is covered as a whole, without samples that the state leaves out.
+    #[inline(always)]
+    pub fn whole(&self) -> [u16; MAX_SAMPLES] {
+        let mut masks = [0; MAX_SAMPLES];
+        for (sample, mask) in masks.iter_mut().enumerate().take(self.samples as usize) {
+            if self.sample_mask >> sample & 1 != 0 {
+                *mask = u16::MAX;
+            }
+        }
+        masks
     }
 
     /// The range that depths of a primitive are clamped to.

@@ -8,7 +8,7 @@ use lanes::vector::Vector;
 
 use super::coverage::NARROW;
 use super::lanes::{COLUMNS, IN_BLOCK, IN_ROW, ROWS};
-use super::texels::{Pattern, Places};
+use super::places::{Pattern, Places};
 use crate::raster::primitive::{Bounds, Edge};
 
 /// Units of the screen's fixed point in a pixel.

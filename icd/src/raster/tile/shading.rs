@@ -14,9 +14,10 @@ use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::output::Output;
 use super::pack::{Joined, Origin, Pack};
 use super::pixels::count_lanes;
+use super::places::{Pattern, Places};
 use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
-use super::texels::{Pattern, Places};
+use super::write::WaveOutputs;
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Record};
 use crate::wave::launch_counts::{Counter, LaunchCounts};
@@ -133,7 +134,7 @@ lanes::vectors! {
             let (active, covered) = (pack.active(), pack.covered());
             let helpers = LaneMask::from_bits(active & !covered);
             let active = LaneMask::from_bits(active);
-            program.start_fragments(state, active, helpers, Some(output.rows));
+            program.start_fragments(state, active, helpers);
             counts.invocations += u64::from(covered.count_ones());
             let rows = &mut state[first..];
             let mut fragments = fragments_of(chunks, pack);
@@ -158,7 +159,7 @@ lanes::vectors! {
                     } else if known[place].origin != Some(origin) {
                         let it = &mut known[place];
                         it.origin = Some(origin);
-                        inputs.steps(&fragments, &mut it.steps);
+                        inputs.steps(fragments.records[0], fragments.chunks[0], &mut it.steps);
                     }
                     let steps = &known[place].steps;
                     if is_own {
@@ -182,7 +183,8 @@ lanes::vectors! {
 }
 
 lanes::vectors! {
-    /// Late tests of a wave's fragments, and their colours. `counted`: counts of each pixel, where
+    /// Late tests of a wave's fragments, and their colours. The masks become those of the samples
+    /// that are written. `counted`: counts of each pixel, where
     /// a capture keeps them.
     ///
     /// # Safety
@@ -193,50 +195,46 @@ lanes::vectors! {
         plan: &Plan<'_>,
         program: &Program,
         runner: &mut Runner,
-        packs: &[Pack],
+        packs: &mut [Pack],
         counts: &mut Counts,
         counted: Option<&LaunchCounts>,
     ) {
         let io = program.layout().io;
-        if plan.order == Order::Early && plan.output.is_bytes() {
-            for (pack, state) in packs.iter().zip(runner.states()) {
-                let mask = pack.masks[0] & !program.helpers(state).bits();
-                if mask != 0 {
-                    // SAFETY: the caller keeps the contract of `test_blocks`.
-                    unsafe { plan.output.write_bytes(v, &state[io..], &pack.places, mask) };
-                }
-            }
-            return;
-        }
-        for (index, pack) in packs.iter().enumerate() {
-            let state = runner.state(index);
+        let output = &plan.output;
+        for (pack, state) in packs.iter_mut().zip(runner.states()) {
             let live = !program.helpers(state).bits();
-            let mut masks = pack.masks;
-            for mask in &mut masks {
+            for mask in &mut pack.masks {
                 *mask &= live;
             }
-            if let Some(row) = plan.output.smooth_alpha {
-                fade(&fragments_of(chunks, pack), &mut state[io + row].0);
-            }
-            let rows = &state[io..];
-            plan.output.drop_samples(rows, &pack.places, &mut masks);
-            if any(&masks) == 0 {
-                continue;
-            }
-            if plan.order != Order::Early {
-                // SAFETY: the caller keeps the contract of `test_blocks`.
-                unsafe {
-                    let tested = any(&masks);
-                    test_late(v, chunks, plan, rows, pack, &mut masks);
-                    if let Some(counted) = counted {
-                        let failed = tested & !any(&masks);
-                        count_lanes(counted, Counter::FailedTests, &pack.places, failed);
-                    }
+        }
+        if plan.order != Order::Early || output.drops_samples() || output.smooth_alpha.is_some() {
+            for (pack, state) in packs.iter_mut().zip(runner.states()) {
+                let mut masks = pack.masks;
+                if let Some(row) = output.smooth_alpha {
+                    fade(&fragments_of(chunks, pack), &mut state[io + row].0);
                 }
-                counts.samples += count(&masks);
+                let rows = &state[io..];
+                output.drop_samples(rows, &pack.places, &mut masks);
+                if any(&masks) != 0 && plan.order != Order::Early {
+                    // SAFETY: the caller keeps the contract of `test_blocks`.
+                    unsafe {
+                        let tested = any(&masks);
+                        test_late(v, chunks, plan, rows, pack, &mut masks);
+                        if let Some(counted) = counted {
+                            let failed = tested & !any(&masks);
+                            count_lanes(counted, Counter::FailedTests, &pack.places, failed);
+                        }
+                    }
+                    counts.samples += count(&masks);
+                }
+                pack.masks = masks;
             }
+        }
+        let (states, rows) = runner.all_states();
+        let outputs = WaveOutputs { states, rows, io };
+        for color in &output.colors {
             // SAFETY: the caller keeps the contract of `test_blocks`.
-            unsafe { plan.output.write(v, rows, &pack.places, &masks) };
+            unsafe { color.write_wave(v, output, packs, outputs) };
         }
     }
 }
@@ -316,14 +314,15 @@ impl<'a> Fragments<'a> {
 }
 
 /// The fragments of a subgroup.
+#[inline(always)]
 fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
     let (record, chunk) = record_of(chunks, pack.origins[0]);
     let mut fragments = Fragments {
         records: [record; 4],
         chunks: [chunk; 4],
-        x: pack.places.x,
-        y: pack.places.y,
-        sample: pack.sample,
+        x: &pack.places.x,
+        y: &pack.places.y,
+        sample: &pack.sample,
         coverage: &pack.coverage,
     };
     if !pack.is_uniform {

@@ -72,7 +72,7 @@ pub struct Current<'a> {
     draw: &'a Draw,
     pub plan: &'a Plan<'a>,
     /// Queries count its samples.
-    is_counted: bool,
+    pub(super) is_counted: bool,
 }
 
 /// A visit.
@@ -87,7 +87,7 @@ pub struct Visit<'a> {
     own: u32,
     /// The sample of the draw's program, if the program does little else.
     sampling: Option<Sampling<'a>>,
-    counts: Counts,
+    pub(super) counts: Counts,
 }
 
 impl TileWorker {
@@ -498,6 +498,10 @@ impl<'a> Visit<'a> {
         let Some(fragment) = &plan.program else {
             return Ok(());
         };
+        if !COUNTED && plan.takes_squares() {
+            self.squares(current, fragment, origin, record, &covered.squares)?;
+            covered.squares.clear();
+        }
         covered.split(plan.samples);
         if !fragment.is_serial {
             let blocks = &mut covered.blocks;

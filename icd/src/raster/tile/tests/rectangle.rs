@@ -5,8 +5,8 @@ use lanes::vector::{Portable, Vector};
 use super::support::{Random, edges};
 use crate::raster::primitive::{Bounds, Edge};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
+use crate::raster::tile::places::Pattern;
 use crate::raster::tile::rectangle::{EdgeTest, Rectangle};
-use crate::raster::tile::texels::Pattern;
 
 /// The triangles of a rectangle, cut along one of its diagonals.
 pub fn halves(least: [i32; 2], greatest: [i32; 2], falls: bool) -> [[[i32; 2]; 3]; 2] {

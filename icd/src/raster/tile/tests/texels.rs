@@ -5,7 +5,8 @@ use ash::vk;
 use lanes::Tier;
 
 use super::super::lanes::{LANE_X, LANE_Y, load_words, rows_of};
-use super::super::texels::{Pattern, Places, TexelWords, load, store};
+use super::super::places::{Pattern, Places, TexelWords};
+use super::super::texels::{load, store};
 use super::support::{Canvas, Random};
 use crate::raster::Target;
 use crate::raster::primitive::Bounds;
