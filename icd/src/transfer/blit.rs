@@ -4,14 +4,17 @@
 
 use ash::vk;
 use images::execute::execute_block;
+use images::fast::Fast;
 use images::format::block::Texels;
 use images::halve::Halving;
-use images::operands::MAX_RESULT_ROWS;
-use images::texels::store_block;
+use images::operands::{MAX_RESULT_ROWS, usable};
+use images::texels::store_row;
+use images::wave::{self, Rows, Wave};
 use images::{
     AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, MAX_LEVELS,
     SamplerDescriptor,
 };
+use lanes::{LaneMask, Tier};
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::Row;
 
@@ -133,7 +136,10 @@ fn blit_surface(
     let row_bytes = x_side.count as u64 * to.texel_size_bytes as u64;
     let rows = z_side.count as u64 * y_side.count as u64;
     let halved = Halved::new(from, to, reader, [&x_side, &y_side, &z_side]);
+    let columns = columns(&x_side);
     for_rows(workers, rows, row_bytes * COST, |rows| {
+        let sampler = RowSampler::new(reader);
+        let mut texels = [[[0; SUBGROUP_SIZE]; 4]; AT_ONCE];
         for row in rows {
             let y = y_side.first + (row % y_side.count as u64) as i64;
             let z = z_side.first + (row / y_side.count as u64) as i64;
@@ -144,16 +150,30 @@ fn blit_surface(
                     halved.row(y, z);
                     continue;
                 }
-                blit_row(
-                    reader,
-                    to,
-                    &x_side,
-                    (y, y_side.coordinate(y)),
-                    (z, z_side.coordinate(z)),
-                )
+                let first = to.texel(x_side.first as u32, y as u32, z as u32, 0);
+                let (v, w) = (y_side.coordinate(y), z_side.coordinate(z));
+                let count = x_side.count as usize;
+                for (index, columns) in columns.chunks(AT_ONCE).enumerate() {
+                    let done = index * AT_ONCE * SUBGROUP_SIZE;
+                    sampler.sample(columns, v, w, &mut texels);
+                    let at = first.add(done * to.texel_size_bytes);
+                    store_row(to.format, at, &texels[..columns.len()], count - done);
+                }
             };
         }
     });
+}
+
+/// The source columns of a row's texels, sixteen to a subgroup.
+fn columns(side: &BlitAxis) -> Vec<Row> {
+    let first = (0..side.count).step_by(SUBGROUP_SIZE);
+    let columns = first.map(|first| {
+        std::array::from_fn(|lane| {
+            let index = side.first + first + lane as i64;
+            side.coordinate(index).to_bits()
+        })
+    });
+    columns.collect()
 }
 
 /// A blit in which each destination texel covers two by two source texels.
@@ -213,35 +233,6 @@ impl<'a> Halved<'a> {
         // SAFETY: the caller passes a row of the blit, and `new` has checked that all rows are
         // inside of the source.
         unsafe { self.halving.row(rows, to, self.count) };
-    }
-}
-
-/// Computes a row of the destination from its source coordinates.
-///
-/// # Safety
-/// The row is the destination's, and the memory of both images stays allocated during the call.
-unsafe fn blit_row(
-    reader: &Reader,
-    to: &Surface,
-    x_side: &BlitAxis,
-    (y, v): (i64, f32),
-    (z, w): (i64, f32),
-) {
-    let mut x = x_side.first;
-    let end = x + x_side.count;
-    while x < end {
-        let count = (end - x).min(SUBGROUP_SIZE as i64) as u32;
-        let u = std::array::from_fn(|lane| x_side.coordinate(x + lane as i64).to_bits());
-        let mask = (u32::from(u16::MAX) >> (SUBGROUP_SIZE as u32 - count)) as u16;
-        let base = to.texel(x as u32, y as u32, z as u32, 0);
-        let offsets = std::array::from_fn(|lane| (lane * to.texel_size_bytes) as u32);
-        // SAFETY: the caller passes a row of the destination, and the texels of active lanes are
-        // inside it.
-        unsafe {
-            let texels = reader.read(&u, v, w);
-            store_block(to.format, base, &offsets, mask, &texels);
-        }
-        x = x.saturating_add(i64::from(count));
     }
 }
 
@@ -316,28 +307,76 @@ impl Reader {
             is_volume,
         }
     }
+}
 
-    /// Samples 16 coordinates of a row.
+/// Subgroups that are sampled at once.
+const AT_ONCE: usize = 16;
+
+/// Samples rows of a source.
+struct RowSampler<'a> {
+    reader: &'a Reader,
+    /// None for sources that are sampled subgroup by subgroup.
+    fast: Option<Fast<'a>>,
+}
+
+impl<'a> RowSampler<'a> {
+    fn new(reader: &'a Reader) -> Self {
+        let fast = usable(Some(&reader.image))
+            .and_then(|(image, info)| Fast::new(&reader.op, image, info, &reader.sampler, 0xf));
+        Self { reader, fast }
+    }
+
+    /// Samples columns of a row, at most [`AT_ONCE`] subgroups.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
-    unsafe fn read(&self, u: &Row, v: f32, w: f32) -> Texels {
-        let v = [v.to_bits(); SUBGROUP_SIZE];
+    unsafe fn sample(&self, columns: &[Row], v: f32, w: f32, texels: &mut [Texels; AT_ONCE]) {
+        let Self { reader, fast } = self;
+        let mut v = [v.to_bits(); SUBGROUP_SIZE];
         // A layer's index is the slice's center less a half.
-        let w = if self.is_volume { w } else { w - 0.5 };
-        let w = [w.to_bits(); SUBGROUP_SIZE];
-        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-        // SAFETY: the caller guarantees that the image's memory stays allocated during the call.
-        unsafe {
-            execute_block(
-                &self.op,
-                Some(&self.image),
-                Some(&self.sampler),
-                u16::MAX,
-                &[u, &v, &w],
-                &mut results,
-            );
-        }
-        [results[0], results[1], results[2], results[3]]
+        let w = if reader.is_volume { w } else { w - 0.5 };
+        let mut w = [w.to_bits(); SUBGROUP_SIZE];
+        let Some(fast) = fast else {
+            for (columns, texels) in columns.iter().zip(texels) {
+                let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+                // SAFETY: the caller keeps the contract of this function.
+                unsafe {
+                    execute_block(
+                        &reader.op,
+                        Some(&reader.image),
+                        Some(&reader.sampler),
+                        u16::MAX,
+                        &[columns, &v, &w],
+                        &mut results,
+                    );
+                }
+                texels.copy_from_slice(&results[..4]);
+            }
+            return;
+        };
+        let subgroups: [u16; AT_ONCE] = std::array::from_fn(|index| index as u16);
+        let results: *mut Row = texels.as_mut_ptr().cast();
+        let result = |component: usize| Rows {
+            first: results.wrapping_add(component),
+            step_bytes: size_of::<Texels>(),
+        };
+        let shared = |row: &mut Row| Rows {
+            first: row,
+            step_bytes: 0,
+        };
+        let along = Rows {
+            first: columns.as_ptr().cast_mut(),
+            step_bytes: size_of::<Row>(),
+        };
+        let wave = Wave {
+            subgroups: &subgroups[..columns.len().min(AT_ONCE)],
+            lanes: &[LaneMask::ALL; AT_ONCE],
+            operands: &[along, shared(&mut v), shared(&mut w)],
+            results: [result(0), result(1), result(2), result(3)],
+            derives: false,
+        };
+        // SAFETY: the operation takes three coordinates, of which each subgroup has a row, as it
+        // has of the results; the caller keeps the image's memory.
+        unsafe { wave::sample(Tier::best(), fast, &wave) };
     }
 }

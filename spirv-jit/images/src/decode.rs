@@ -90,7 +90,7 @@ static CODES: [Divisor; 25] = {
 
 /// A code of up to 24 bits over its greatest value; a code with a sign has one bit more.
 #[inline(always)]
-pub(super) fn quotient_of_code<V: Vector>(v: V, code: V::F, bits: u8) -> V::F {
+pub fn quotient_of_code<V: Vector>(v: V, code: V::F, bits: u8) -> V::F {
     CODES[usize::from(bits) % CODES.len()].quotient(v, code)
 }
 

@@ -7,7 +7,7 @@
 use lanes::vector::{QUADS, Vector};
 use lanes::{LANES, Tier, map};
 
-use super::decode::quotient_of_code;
+pub use super::decode::quotient_of_code;
 use super::format::block::{self, Texels};
 use super::format::layout::{Channel, Codec, FormatInfo, Numeric};
 use super::srgb;
@@ -586,35 +586,81 @@ pub(crate) unsafe fn load<V: Vector>(
     decode(v, info, &words, wanted)
 }
 
-/// [`block::store`] in the best vectors of the machine; offsets are less than 2^31.
-///
-/// # Safety
-/// As [`block::store`].
-pub unsafe fn store_block(
-    info: &FormatInfo,
-    base: *mut u8,
-    offsets: &[u32; LANES],
-    mask: u16,
-    texels: &Texels,
-) {
-    // SAFETY: the caller keeps the contract of `block::store`.
-    unsafe {
-        match info.in_vectors {
-            true => store_vectors(Tier::best(), info, base, offsets, mask, texels),
-            false => block::store(info, base, &offsets.map(u64::from), mask, texels),
+lanes::vectors! {
+    /// Stores texels one behind the other: sixteen of each of `texels`, the last ones perhaps in
+    /// part. The format is one for vectors.
+    ///
+    /// # Safety
+    /// So many texels are writable.
+    pub(super) unsafe fn store_row_in_vectors<V>(
+        v,
+        info: &FormatInfo,
+        to: *mut u8,
+        texels: &[Texels],
+        count: usize,
+    ) {
+        let size = info.size_bytes as usize;
+        for (index, texels) in texels.iter().enumerate() {
+            let first = LANES * index;
+            if first >= count {
+                return;
+            }
+            let texels = load_rows(v, texels);
+            // SAFETY: the caller guarantees that so many texels are writable.
+            unsafe {
+                let to = to.add(first * size);
+                if count - first >= LANES {
+                    let words = encode(v, info, &texels);
+                    if store_sixteen(v, size, to, words) {
+                        continue;
+                    }
+                }
+                let mask = (u32::from(u16::MAX) >> (LANES - (count - first).min(LANES))) as u16;
+                let offsets: [u32; LANES] = std::array::from_fn(|lane| (lane * size) as u32);
+                store(v, info, to, v.load_i(&offsets), mask, &texels);
+            }
         }
     }
 }
 
-lanes::vectors! {
-    /// [`store`] of rows.
-    ///
-    /// # Safety
-    /// As there.
-    pub(super) unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; LANES], mask: u16, texels: &Texels) {
-        let texels = [v.load_i(&texels[0]), v.load_i(&texels[1]), v.load_i(&texels[2]), v.load_i(&texels[3])];
-        // SAFETY: the caller keeps the contract of this function.
-        unsafe { store(v, info, base, v.load_i(offsets), mask, &texels) };
+/// Stores sixteen texels one behind the other, if they have a usual size.
+///
+/// # Safety
+/// They are writable.
+#[inline(always)]
+unsafe fn store_sixteen<V: Vector>(v: V, size: usize, to: *mut u8, words: [V::I; 4]) -> bool {
+    // Two texels and the two behind them are a quad.
+    let quads = [0, 4, 8, 12].map(|lane: usize| to.wrapping_add(lane * size));
+    let [a, b, ..] = words;
+    // SAFETY: the caller guarantees that the texels are writable.
+    unsafe {
+        match size {
+            1 => to.cast::<[u64; 2]>().write_unaligned(v.to_bytes(a)),
+            4 => v.put_each_quad([a], u16::MAX, quads, 2 * size),
+            8 => v.put_each_quad([a, b], u16::MAX, quads, 2 * size),
+            16 => v.put_each_quad(words, u16::MAX, quads, 2 * size),
+            _ => return false,
+        }
+    }
+    true
+}
+
+/// Stores texels one behind the other: `count` of them, sixteen in each of `texels`.
+///
+/// # Safety
+/// So many texels are writable.
+pub unsafe fn store_row(info: &FormatInfo, to: *mut u8, texels: &[Texels], count: usize) {
+    // SAFETY: the caller keeps the contract of this function.
+    unsafe {
+        if info.in_vectors {
+            return store_row_in_vectors(Tier::best(), info, to, texels, count);
+        }
+        let size = info.size_bytes as usize;
+        let offsets = std::array::from_fn(|lane| (lane * size) as u64);
+        for (texels, first) in texels.iter().zip((0..count).step_by(LANES)) {
+            let mask = (u32::from(u16::MAX) >> (LANES - (count - first).min(LANES))) as u16;
+            block::store(info, to.add(first * size), &offsets, mask, texels);
+        }
     }
 }
 

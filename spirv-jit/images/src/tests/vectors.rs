@@ -18,6 +18,25 @@ fn decoded_formats() -> impl Iterator<Item = Format> {
     Format::all().filter(|format| format.info().unwrap().decoded_in_vectors)
 }
 
+lanes::vectors! {
+    /// [`texels::store`] of rows.
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn store_vectors<V>(
+        v,
+        info: &FormatInfo,
+        base: *mut u8,
+        offsets: &[u32; 16],
+        mask: u16,
+        texels: &Texels,
+    ) {
+        let texels = texels.each_ref().map(|row| v.load_i(row));
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { texels::store(v, info, base, v.load_i(offsets), mask, &texels) };
+    }
+}
+
 /// Stores words as texels at places, in every tier.
 fn store(format: Format, words: &Texels, places: &[u32; 16], mask: u16) {
     let info = format.info().unwrap();
@@ -32,7 +51,7 @@ fn store(format: Format, words: &Texels, places: &[u32; 16], mask: u16) {
     for &tier in Tier::available() {
         let mut memory = before.clone();
         // SAFETY: the places are in the memory, and the machine has the tier.
-        unsafe { texels::store_vectors(tier, info, memory.as_mut_ptr(), places, mask, words) };
+        unsafe { store_vectors(tier, info, memory.as_mut_ptr(), places, mask, words) };
         assert!(memory == expected, "{} of {words:x?}, {tier}", info.name);
     }
 }
@@ -50,6 +69,37 @@ lanes::vectors! {
             v.store_i(words, row);
         }
         texels
+    }
+}
+
+/// Stores texels one behind the other, in every tier.
+fn store_row(format: Format, sixteens: &[Texels], count: usize) {
+    let info = format.info().unwrap();
+    let size = info.size_bytes as usize;
+    let before = vec![0xcdu8; 4096];
+    let mut expected = before.clone();
+    for (index, at) in expected[1..].chunks_exact_mut(size).take(count).enumerate() {
+        let mut texel = [0; 32];
+        let words = &sixteens[index / 16];
+        info.encode(words.map(|row| row[index % 16]), &mut texel);
+        at.copy_from_slice(&texel[..size]);
+    }
+    for &tier in Tier::available() {
+        let mut memory = before.clone();
+        let to = memory[1..].as_mut_ptr();
+        // SAFETY: the row is in the memory, and the machine has the tier.
+        unsafe { texels::store_row_in_vectors(tier, info, to, sixteens, count) };
+        assert!(memory == expected, "{} {count}, {tier}", info.name);
+    }
+}
+
+#[test]
+fn rows_are_stored_without_their_neighbours() {
+    for format in formats() {
+        let sixteens = [words(1), words(2), words(3)];
+        for count in [0, 1, 15, 16, 17, 31, 32, 40, 48] {
+            store_row(format, &sixteens, count);
+        }
     }
 }
 
