@@ -130,36 +130,75 @@ pub(super) fn wrap_edges(x: &mut Ints, y: &mut Ints, face: &mut Ints, sizes: &In
     corners
 }
 
-/// [`wrap_edges`] of sixteen texels in vectors.
+/// The greatest number below zero.
+const BELOW_ZERO: f32 = f32::from_bits(0x8000_0001);
+
+/// [`place`] in vectors: s, t, and the face.
+#[inline(always)]
+pub(super) fn place_in_vectors<V: Vector>(v: V, [x, y, z]: [V::F; 3]) -> ([V::F; 2], V::I) {
+    let sign_bit = v.splat_i(i32::MIN);
+    let rest = v.splat_i(i32::MAX);
+    let bits = [v.bits_of(x), v.bits_of(y), v.bits_of(z)];
+    let [ax, ay, az] = [
+        v.bits_to_f(v.and_i(bits[0], rest)),
+        v.bits_to_f(v.and_i(bits[1], rest)),
+        v.bits_to_f(v.and_i(bits[2], rest)),
+    ];
+    let is_z = v.and_i(v.at_least(az, ax), v.at_least(az, ay));
+    let y_over_x = v.at_least(ay, ax);
+    let [x, y, z] = bits;
+    let major = v.pick(is_z, z, v.pick(y_over_x, y, x));
+    let is_negative = v.at_least(v.splat(BELOW_ZERO), v.bits_to_f(major));
+    // Negations change the sign's bit.
+    let sign = v.and_i(is_negative, sign_bit);
+    let (minus_y, kept) = (v.xor_i(y, sign_bit), v.xor_i(sign, sign_bit));
+    let of_x = v.xor_i(z, kept);
+    let s = v.pick(is_z, v.xor_i(x, sign), v.pick(y_over_x, x, of_x));
+    let is_y = v.and_i(y_over_x, v.xor_i(is_z, v.splat_i(-1)));
+    let t = v.pick(is_y, v.xor_i(z, sign), minus_y);
+    let axis = v.pick(is_z, v.splat_i(4), v.and_i(y_over_x, v.splat_i(2)));
+    let face = v.sub_i(axis, is_negative);
+    let magnitude = v.bits_to_f(v.and_i(major, rest));
+    // Half of a quotient and a half: exact at the edges.
+    let half = v.splat(0.5);
+    let s = v.div(v.bits_to_f(s), magnitude);
+    let t = v.div(v.bits_to_f(t), magnitude);
+    let on_face = [v.add(v.mul(half, s), half), v.add(v.mul(half, t), half)];
+    (on_face, face)
+}
+
+/// [`wrap_edges`] of sixteen texels in vectors, which lie out by one texel at most.
 #[inline(always)]
 pub(super) fn wrap_edges_in_vectors<V: Vector>(
     v: V,
     [x, y, face]: [V::I; 3],
     size: V::I,
 ) -> ([V::I; 3], u16) {
-    let (zero, one) = (v.splat_i(0), v.splat_i(1));
+    let (zero, one, ones) = (v.splat_i(0), v.splat_i(1), v.splat_i(-1));
     let last = v.sub_i(size, one);
-    let (in_x, in_y) = (v.lt_u(x, size), v.lt_u(y, size));
     let clamped_x = v.max_i(v.min_i(x, last), zero);
     let clamped_y = v.max_i(v.min_i(y, last), zero);
-    let corners = !in_x & !in_y;
-    let edges = !(in_x & in_y) & !corners;
-    if edges == 0 {
+    let out_x = v.sign_i(v.or_i(x, v.sub_i(last, x)));
+    let out_y = v.sign_i(v.or_i(y, v.sub_i(last, y)));
+    let corners = v.ne_i(v.and_i(out_x, out_y), zero);
+    let edges = v.xor_i(out_x, out_y);
+    if v.ne_i(edges, zero) == 0 {
         return ([clamped_x, clamped_y, face], corners);
     }
     // As `across_edge`: centres in half texels on the cube of half side `size`.
     let s = v.sub_i(v.add_i(v.add_i(x, x), one), size);
     let t = v.sub_i(v.add_i(v.add_i(y, y), one), size);
-    let axis = v.right_u(face, 1);
-    let (is_x, is_y) = (!v.ne_i(axis, zero), !v.ne_i(axis, one));
+    let is_x = v.sign_i(v.sub_i(face, v.splat_i(2)));
+    let is_z = v.xor_i(v.sign_i(v.sub_i(face, v.splat_i(4))), ones);
+    let is_y = v.xor_i(v.or_i(is_x, is_z), ones);
     let is_negative = v.sub_i(zero, v.and_i(face, one));
-    let is_positive = v.sub_i(v.and_i(face, one), one);
+    let is_positive = v.xor_i(is_negative, ones);
     let plane = negated(v, size, is_negative);
     let minus_t = v.sub_i(zero, t);
     let position = [
-        select3(v, is_x, is_y, [plane, s, negated(v, s, is_negative)]),
-        v.select(is_y, plane, minus_t),
-        select3(
+        pick3(v, is_x, is_y, [plane, s, negated(v, s, is_negative)]),
+        v.pick(is_y, plane, minus_t),
+        pick3(
             v,
             is_x,
             is_y,
@@ -171,33 +210,33 @@ pub(super) fn wrap_edges_in_vectors<V: Vector>(
         ),
     ];
     let mut folded = position;
-    let mut out = [0; 3];
-    let old_plane = [is_x, is_y, !(is_x | is_y)];
+    let mut out = [zero; 3];
+    let old_plane = [is_x, is_y, is_z];
     for i in 0..3 {
         let sign = v.sign_i(position[i]);
-        out[i] = v.lt_u(size, negated(v, position[i], sign));
-        let inner = v.select(old_plane[i], negated(v, last, sign), position[i]);
-        folded[i] = v.select(out[i], negated(v, size, sign), inner);
+        out[i] = v.sign_i(v.sub_i(size, negated(v, position[i], sign)));
+        let inner = v.pick(old_plane[i], negated(v, last, sign), position[i]);
+        folded[i] = v.pick(out[i], negated(v, size, sign), inner);
     }
     let [x3, y3, z3] = folded;
-    let is_negative = v.sign_i(select3(v, out[0], out[1], position));
-    let is_positive = v.xor_i(is_negative, v.splat_i(-1));
-    let axis = select3(v, out[0], out[1], [zero, v.splat_i(2), v.splat_i(4)]);
-    let new_face = v.add_i(axis, v.and_i(is_negative, one));
+    let is_negative = v.sign_i(pick3(v, out[0], out[1], position));
+    let is_positive = v.xor_i(is_negative, ones);
+    let axis = pick3(v, out[0], out[1], [zero, v.splat_i(2), v.splat_i(4)]);
+    let new_face = v.sub_i(axis, is_negative);
     let minus_y = v.sub_i(zero, y3);
-    let new_s = select3(
+    let new_s = pick3(
         v,
         out[0],
         out[1],
         [negated(v, z3, is_positive), x3, negated(v, x3, is_negative)],
     );
-    let new_t = v.select(out[1], negated(v, z3, is_negative), minus_y);
+    let new_t = v.pick(out[1], negated(v, z3, is_negative), minus_y);
     let new_x = v.right_i(v.add_i(new_s, last), 1);
     let new_y = v.right_i(v.add_i(new_t, last), 1);
     let wrapped = [
-        v.select(edges, new_x, clamped_x),
-        v.select(edges, new_y, clamped_y),
-        v.select(edges, new_face, face),
+        v.pick(edges, new_x, clamped_x),
+        v.pick(edges, new_y, clamped_y),
+        v.pick(edges, new_face, face),
     ];
     (wrapped, corners)
 }
@@ -208,10 +247,10 @@ fn negated<V: Vector>(v: V, a: V::I, is_negated: V::I) -> V::I {
     v.sub_i(v.xor_i(a, is_negated), is_negated)
 }
 
-/// The first in the lanes of the first mask, the second in those of the second, else the third.
+/// The first where the first word is all ones, the second where the second one is, else the third.
 #[inline(always)]
-fn select3<V: Vector>(v: V, first: u16, second: u16, [a, b, c]: [V::I; 3]) -> V::I {
-    v.select(first, a, v.select(second, b, c))
+fn pick3<V: Vector>(v: V, first: V::I, second: V::I, [a, b, c]: [V::I; 3]) -> V::I {
+    v.pick(first, a, v.pick(second, b, c))
 }
 
 #[cfg(test)]
@@ -300,6 +339,52 @@ mod tests {
         let [ds, dt] = face_derivative(face, d, step);
         assert!((ds - (s1 - s0) / (2.0 * h)).abs() < 1e-3);
         assert!((dt - (t1 - t0) / (2.0 * h)).abs() < 1e-3);
+    }
+
+    /// Directions of all kinds in vectors and one by one: equal magnitudes, zeros of both signs,
+    /// infinities, denormal numbers and NaN.
+    #[test]
+    fn vectors_place_as_lanes_do() {
+        let v = Portable;
+        let numbers = [
+            0.0,
+            -0.0,
+            1.0,
+            -1.0,
+            0.25,
+            -3.5,
+            1e-42,
+            -1e-42,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            f32::NAN,
+            -f32::NAN,
+        ];
+        let count = numbers.len();
+        let directions: Vec<[f32; 3]> = (0..count.pow(3))
+            .map(|i| [i % count, i / count % count, i / count / count].map(|i| numbers[i]))
+            .collect();
+        for sixteen in directions.chunks_exact(16) {
+            let [x, y, z]: [Floats; 3] =
+                std::array::from_fn(|axis| std::array::from_fn(|lane| sixteen[lane][axis]));
+            let expected = place([&x, &y, &z]);
+            let loaded = [x, y, z].map(|row| v.load(&row.map(f32::to_bits)));
+            let ([s, t], face) = place_in_vectors(v, loaded);
+            let mut rows = [[0; LANES]; 3];
+            v.store(s, &mut rows[0]);
+            v.store(t, &mut rows[1]);
+            v.store_i(face, &mut rows[2]);
+            for lane in 0..LANES {
+                let same = |found: u32, expected: f32| {
+                    let found = f32::from_bits(found);
+                    found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan()
+                };
+                let direction = sixteen[lane];
+                assert_eq!(rows[2][lane] as i32, expected.face[lane], "{direction:?}");
+                assert!(same(rows[0][lane], expected.s[lane]), "{direction:?}");
+                assert!(same(rows[1][lane], expected.t[lane]), "{direction:?}");
+            }
+        }
     }
 
     /// Texels around each face, in vectors and one by one: every edge and corner, in every lane.

@@ -105,9 +105,12 @@ impl<'a> Fast<'a> {
             && !op.depth_compare
             && (has_words(info) || is_of_words && !has_border);
         let has_levels = image.level_count != 1;
+        let is_nearest = !is_gather && sampler.mag_filter == Filter::Nearest;
+        let is_loaded = info.decoded_in_vectors && !has_border;
         let has_more = match (is_gather, spatial) {
             (true, _) => false,
-            _ if is_cube || has_border => true,
+            _ if is_cube => !(is_nearest && is_loaded) || has_levels || op.depth_compare,
+            _ if has_border => true,
             (_, 2) => op.depth_compare && (has_levels || is_anisotropic),
             (_, 3) => op.depth_compare || is_anisotropic || has_levels && op.lod == LodMode::Grad,
             _ => true,
@@ -130,14 +133,14 @@ impl<'a> Fast<'a> {
                 && wanted.count_ones() >= 3
                 && !op.depth_compare
                 && !is_gather,
-            is_nearest: !is_gather && sampler.mag_filter == Filter::Nearest,
+            is_nearest,
             is_cube,
             spatial,
             decoder,
             pairs: decoder != Decoder::Each
                 && info.blocks().is_none()
                 && info.size_bytes.is_power_of_two(),
-            is_loaded: info.decoded_in_vectors && !has_border,
+            is_loaded,
             four_of: match is_gather || op.depth_compare || has_border {
                 true => None,
                 false => four_of(info).filter(|_| !in_order || wanted.count_ones() >= 2),

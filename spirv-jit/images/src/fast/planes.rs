@@ -5,8 +5,8 @@
 
 use std::hint::assert_unchecked;
 
-use lanes::quad;
 use lanes::vector::{Task, Vector};
+use lanes::{Row, quad};
 
 use super::super::decode::{Decoder, Field};
 use super::super::rows::Wave;
@@ -54,11 +54,13 @@ mod texels {
     pub const NEAREST: u8 = 11;
     /// The same in three dimensions.
     pub const NEAREST_IN_VOLUME: u8 = 12;
+    /// The same on a cube.
+    pub const NEAREST_ON_CUBE: u8 = 13;
 
     pub const fn is_nearest(texels: u8) -> bool {
         matches!(
             texels,
-            NEAREST_BYTES | NEAREST_SRGB | NEAREST | NEAREST_IN_VOLUME
+            NEAREST_BYTES | NEAREST_SRGB | NEAREST | NEAREST_IN_VOLUME | NEAREST_ON_CUBE
         )
     }
 
@@ -85,7 +87,9 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
         let (fast, wave) = (&{ *fast }, &{ *wave });
         // SAFETY: `Fast::planes` chose this.
         unsafe {
-            assert_unchecked(!fast.is_cube || TEXELS == texels::GATHERED_ANY);
+            if TEXELS != texels::GATHERED_ANY {
+                assert_unchecked(fast.is_cube == (TEXELS == texels::NEAREST_ON_CUBE));
+            }
             assert_unchecked(fast.gathers_words == (TEXELS == texels::GATHERED));
             let is_gather = matches!(TEXELS, texels::GATHERED | texels::GATHERED_ANY);
             assert_unchecked(fast.is_gather() == is_gather);
@@ -110,7 +114,7 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                     assert_unchecked(fast.srgb == (TEXELS == texels::NEAREST_SRGB));
                     assert_unchecked(fast.straight == (TEXELS == texels::NEAREST_BYTES));
                 }
-                texels::NEAREST | texels::NEAREST_IN_VOLUME => {
+                texels::NEAREST | texels::NEAREST_IN_VOLUME | texels::NEAREST_ON_CUBE => {
                     assert_unchecked(fast.is_nearest && fast.is_loaded && fast.block_shift == 0);
                 }
                 texels::ANY | texels::VOLUME if V::IS_MACHINES && LEVELS != levels::ANISOTROPIC => {
@@ -159,15 +163,20 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                         true => Some(wave.reference(fast.op, subgroup)),
                         false => None,
                     };
-                    // Those that there are: a cube's layer is the last.
-                    let count = fast.op.coordinate_count();
-                    let mut coordinates = [wave.operand(subgroup, 0); 4];
-                    for (index, row) in coordinates.iter_mut().enumerate().take(count).skip(1) {
-                        *row = wave.operand(subgroup, index);
-                    }
-                    let coordinates = &coordinates[..count.min(4)];
+                    let (coordinates, count) = coordinates(fast, wave, subgroup);
+                    let coordinates = &coordinates[..count];
                     let texels = fast.gathered(v, coordinates, offsets, reference, mask);
                     wave.put_numbers(v, subgroup, fast.gathered_values(v, texels));
+                    continue;
+                }
+                if TEXELS == texels::NEAREST_ON_CUBE {
+                    let (coordinates, count) = coordinates(fast, wave, subgroup);
+                    let place = fast.place(v, &coordinates[..count]);
+                    let [s, t, _] = place.coordinates;
+                    let places = [(s, None), (t, None), (s, None)];
+                    let sampled =
+                        of_level::<V, MODE, TEXELS>(fast, v, &first, place.layer, places, mask);
+                    wave.put_numbers(v, subgroup, fast.finish(v, sampled));
                     continue;
                 }
                 if TEXELS == texels::COMPARED {
@@ -278,6 +287,27 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                 wave.put_numbers(v, subgroup, fast.finish(v, mean));
             }
         }
+    }
+}
+
+/// The rows of a subgroup's coordinates, and their number: a cube's layer is the last.
+///
+/// # Safety
+/// As [`Wave::mask`].
+#[inline(always)]
+unsafe fn coordinates<'w>(
+    fast: &Fast<'_>,
+    wave: &'w Wave<'_>,
+    subgroup: usize,
+) -> ([&'w Row; 4], usize) {
+    let count = fast.op.coordinate_count().min(4);
+    // SAFETY: the caller keeps the contract of `Wave::mask`.
+    unsafe {
+        let mut coordinates = [wave.operand(subgroup, 0); 4];
+        for (index, row) in coordinates.iter_mut().enumerate().take(count).skip(1) {
+            *row = wave.operand(subgroup, index);
+        }
+        (coordinates, count)
     }
 }
 
@@ -471,7 +501,9 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
                     let slice = v.mul_i(slice, levels.slice_stride);
                     fast.nearest_of(v, levels, v.add_i(layer, slice), [column, row], mask)
                 }
-                texels::NEAREST => fast.nearest_of(v, levels, layer, [column, row], mask),
+                texels::NEAREST | texels::NEAREST_ON_CUBE => {
+                    fast.nearest_of(v, levels, layer, [column, row], mask)
+                }
                 _ => fast.nearest_bytes(v, levels, layer, [column, row], mask),
             }
         };
@@ -527,6 +559,7 @@ impl Fast<'_> {
             || !self.has_levels()
                 && !self.op.depth_compare
                 && !self.is_gather()
+                && !self.is_cube
                 && self.spatial == 2
                 && !self.is_anisotropic;
         is_common && !self.has_more
@@ -577,6 +610,9 @@ impl Fast<'_> {
             }
             if self.is_gather() {
                 return run!(ONE GATHERED_ANY ANY);
+            }
+            if self.is_cube {
+                return run!(ONE NEAREST_ON_CUBE CLAMP);
             }
             if self.spatial == 3 {
                 return match self.is_nearest && self.is_loaded {

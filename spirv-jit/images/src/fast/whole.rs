@@ -3,10 +3,9 @@
 
 use std::mem::MaybeUninit;
 
+use lanes::Row;
 use lanes::vector::{Task, Vector};
-use lanes::{LANES, Row};
 
-use super::super::address::Ints;
 use super::super::format::Numeric;
 use super::super::format::block;
 use super::super::lod;
@@ -45,13 +44,13 @@ impl<V: Vector> Task<V> for Whole<'_, '_> {
 }
 
 /// Where lanes sample: coordinates along the image's axes or on the face, and the layer.
-struct LaneCoordinates<V: Vector> {
-    coordinates: [V::F; 3],
+pub(super) struct LaneCoordinates<V: Vector> {
+    pub coordinates: [V::F; 3],
     /// The layer's offset, in bytes.
-    layer: V::I,
+    pub layer: V::I,
     /// Of cubes: the layer of the first face, and the face.
     first_face: V::I,
-    face: Ints,
+    face: V::I,
 }
 
 /// The component of the texels that a gather takes. None where the view makes it constant.
@@ -63,15 +62,6 @@ pub(super) fn gathered_component(op: &ImageOpKind, image: &ImageDescriptor) -> O
         }
         _ => None,
     }
-}
-
-#[inline(always)]
-fn vector_of<V: Vector>(v: V, ints: &Ints) -> V::I {
-    let mut row = [0; LANES];
-    for lane in 0..LANES {
-        row[lane] = ints[lane] as u32;
-    }
-    v.load_i(&row)
 }
 
 impl Fast<'_> {
@@ -311,7 +301,7 @@ impl Fast<'_> {
         taps: &mut Taps<V>,
     ) {
         let (one, zero) = (v.splat_i(1), v.splat_i(0));
-        let face = vector_of(v, &place.face);
+        let face = place.face;
         let last_layer = v.splat_i(self.image.layer_count.max(1) as i32 - 1);
         let last_row = v.sub_i(levels.height, one);
         (taps.count, taps.in_pairs) = (4, false);
@@ -345,13 +335,13 @@ impl Fast<'_> {
 
     /// Where the lanes sample.
     #[inline(always)]
-    fn place<V: Vector>(&self, v: V, coordinates: &[&Row]) -> LaneCoordinates<V> {
+    pub(super) fn place<V: Vector>(&self, v: V, coordinates: &[&Row]) -> LaneCoordinates<V> {
         if !self.is_cube {
             let mut place = LaneCoordinates {
                 coordinates: [v.splat(0.0); 3],
                 layer: self.layer_offset(v, coordinates.get(self.spatial).copied()),
                 first_face: v.splat_i(0),
-                face: [0; LANES],
+                face: v.splat_i(0),
             };
             for axis in 0..self.spatial {
                 place.coordinates[axis] = v.load(coordinates[axis]);
@@ -360,11 +350,11 @@ impl Fast<'_> {
         }
         let layers = self.image.layer_count.max(1) as i32;
         let direction = [
-            &lod::floats(coordinates[0]),
-            &lod::floats(coordinates[1]),
-            &lod::floats(coordinates[2]),
+            v.load(coordinates[0]),
+            v.load(coordinates[1]),
+            v.load(coordinates[2]),
         ];
-        let on_cube = cube::place(direction);
+        let ([s, t], face) = cube::place_in_vectors(v, direction);
         let first_face = match self.op.arrayed {
             true => {
                 let cube = self.layer(v, coordinates[3], (layers / 6).max(1) - 1);
@@ -372,17 +362,13 @@ impl Fast<'_> {
             }
             false => v.splat_i(0),
         };
-        let layer = v.add_i(first_face, vector_of(v, &on_cube.face));
+        let layer = v.add_i(first_face, face);
         let layer = v.min_i(layer, v.splat_i(layers - 1));
         LaneCoordinates {
-            coordinates: [
-                v.load(&lod::words(&on_cube.s)),
-                v.load(&lod::words(&on_cube.t)),
-                v.splat(0.0),
-            ],
+            coordinates: [s, t, v.splat(0.0)],
             layer: v.mul_i(layer, v.splat_i(self.image.layer_stride_bytes as i32)),
             first_face,
-            face: on_cube.face,
+            face,
         }
     }
 

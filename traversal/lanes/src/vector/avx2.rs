@@ -272,6 +272,16 @@ impl Vector for Avx2 {
         (low | high << 8) as u16
     }
     #[inline(always)]
+    fn at_least(self, a: F, b: F) -> I {
+        // SAFETY: the token.
+        unsafe {
+            [
+                _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GE_OQ>(a[0], b[0])),
+                _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GE_OQ>(a[1], b[1])),
+            ]
+        }
+    }
+    #[inline(always)]
     fn ge(self, a: F, b: F) -> u16 {
         // SAFETY: the token.
         let (low, high) = unsafe {

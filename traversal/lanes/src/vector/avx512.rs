@@ -107,6 +107,7 @@ impl Vector for Avx512 {
         fn ne_i(a: I, b: I) -> u16 = _mm512_cmpneq_epi32_mask(a, b);
         fn lt_u(a: I, b: I) -> u16 = _mm512_cmplt_epu32_mask(a, b);
         fn gt(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b);
+        fn at_least(a: F, b: F) -> I = _mm512_movm_epi32(_mm512_cmp_ps_mask::<_CMP_GE_OQ>(a, b));
         fn ge(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(a, b);
         fn eq(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(a, b);
         fn select(mask: u16, a: I, b: I) -> I = _mm512_mask_mov_epi32(b, mask, a);

@@ -199,6 +199,14 @@ pub trait Vector: Copy {
     /// `a >= b`, and `a == b`: neither holds of a NaN.
     fn ge(self, a: Self::F, b: Self::F) -> u16;
     fn eq(self, a: Self::F, b: Self::F) -> u16;
+    /// All ones where `a >= b`, else zero: of a NaN, too.
+    fn at_least(self, a: Self::F, b: Self::F) -> Self::I;
+    /// `a` where a word is all ones, `b` where it is zero: cheaper than [`Self::select`] where
+    /// masks are no registers of their own.
+    #[inline(always)]
+    fn pick(self, ones: Self::I, a: Self::I, b: Self::I) -> Self::I {
+        self.xor_i(b, self.and_i(self.xor_i(a, b), ones))
+    }
     /// `a` in the lanes of the mask, `b` in the others.
     fn select(self, mask: u16, a: Self::I, b: Self::I) -> Self::I;
 

@@ -241,6 +241,14 @@ impl Vector for Portable {
         bits(&a, &b, |x, y| x > y)
     }
     #[inline(always)]
+    fn at_least(self, a: F, b: F) -> I {
+        let mut ones = [0; LANES];
+        for lane in 0..LANES {
+            ones[lane] = if a[lane] >= b[lane] { -1 } else { 0 };
+        }
+        ones
+    }
+    #[inline(always)]
     fn ge(self, a: F, b: F) -> u16 {
         bits(&a, &b, |x, y| x >= y)
     }
