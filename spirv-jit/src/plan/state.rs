@@ -81,7 +81,9 @@ impl Plan {
         let state = &mut state[..self.layout.rows];
         // SAFETY: a state's first row.
         let operands = *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) };
-        zero(&mut state[..self.layout.inputs]);
+        // The first control row by itself: mostly it is the only one.
+        state[0] = AlignedRow([0; SUBGROUP_SIZE]);
+        zero(&mut state[1..self.layout.inputs]);
         if operands.program == number && self.output_rows == 0 {
             // SAFETY: a state's first row.
             *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) } = operands;

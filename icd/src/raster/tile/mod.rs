@@ -58,6 +58,11 @@ use crate::wave::costs::Costs;
 use plan::Plans;
 use visit::{Round, TileWorker};
 
+/// Whether loops for the most common fragments are worth their code where operations are no
+/// instructions. Only old x86-64 processors are so: there, the loop for all fragments serves. Tests
+/// run all loops.
+const HAS_PORTABLE_LOOPS: bool = cfg!(any(not(target_arch = "x86_64"), test));
+
 /// Pixels of shapes' bounds up to which a round without programs is too little to hand out.
 const LITTLE: u64 = 1 << 12;
 

@@ -8,6 +8,7 @@ use spirv_jit::interp::modulate::{Sampling, TOGETHER};
 use spirv_jit::ir::modulate::{Modulated, ModulatedOutput};
 use spirv_jit::program::PassThrough;
 
+use super::HAS_PORTABLE_LOOPS;
 use super::color::ComponentRows;
 use super::coverage::{Covered, Square};
 use super::inputs::{Inputs, Slope};
@@ -74,6 +75,9 @@ lanes::vectors! {
         covered: &Covered,
         counts: &mut Counts,
     ) {
+        if !V::IS_MACHINES && !HAS_PORTABLE_LOOPS {
+            unreachable!("these fragments run their program");
+        }
         let primitive = Primitive::new(sampled, part);
         let painter = SampledPrimitives::new(v, kind, output, sampled, sampling);
         let invocations = |square: &Square| u64::from(square.size) * u64::from(square.size);
@@ -108,6 +112,9 @@ lanes::vectors! {
         limit: &Bounds,
         counts: &mut Counts,
     ) {
+        if !V::IS_MACHINES && !HAS_PORTABLE_LOOPS {
+            unreachable!("these fragments run their program");
+        }
         counts.invocations += rectangle.area();
         let primitives = [
             Primitive::new(sampled, parts[0]),

@@ -7,6 +7,7 @@ use lanes::Tier;
 use spirv_jit::Program;
 use spirv_jit::program::FragmentFacts;
 
+use super::HAS_PORTABLE_LOOPS;
 use super::coarse::Coarse;
 use super::depth::Tests;
 use super::inputs::Inputs;
@@ -143,7 +144,8 @@ impl<'a> Plan<'a> {
         };
         let modulated = (fragment.and_then(Program::modulated))
             .filter(|_| order == Order::Early && !(has_effects || per_sample))
-            .filter(|_| output.smooth_alpha.is_none() && coarse.is_none());
+            .filter(|_| output.smooth_alpha.is_none() && coarse.is_none())
+            .filter(|_| tier != Tier::Portable || HAS_PORTABLE_LOOPS);
         let sampled = (modulated.zip(inputs.as_ref()))
             .and_then(|(modulated, inputs)| Sampled::new(modulated, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| {

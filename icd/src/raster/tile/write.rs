@@ -2,11 +2,13 @@
 //! compiled for each way to code texels, with all of a fragment's steps in it: load, decode, blend,
 //! encode, store. Rows, factors and formats are looked up once a wave.
 
-use images::format::FormatInfo;
-use images::texels::{decode_words, encode_words};
+use images::format::layout::Channel;
+use images::format::{FormatInfo, Numeric};
+use images::texels::{decode_words, encode_words, quotient_of_code};
 use lanes::vector::{Task, Vector};
 use spirv_jit::program::AlignedRow;
 
+use super::HAS_PORTABLE_LOOPS;
 use super::blend::{Over, Range};
 use super::color::{Coding, Color, ONE};
 use super::lanes::{numbers, words};
@@ -224,6 +226,114 @@ impl<V: Vector, const COUNT: usize> Code<V> for Words<COUNT> {
     }
 }
 
+/// A component of a format of normalised integers, of up to 16 bits.
+#[derive(Clone, Copy, Default)]
+struct Field {
+    /// 0: there is none.
+    bits: u8,
+    /// It lies in the texel's second word.
+    is_second: bool,
+    shift: u32,
+    ones: u16,
+}
+
+impl Field {
+    #[inline(always)]
+    fn decode<V: Vector>(&self, v: V, texels: &[V::I; 4]) -> V::F {
+        let word = if self.is_second { texels[1] } else { texels[0] };
+        let code = v.and_i(v.right_u(word, self.shift), v.splat_i(self.ones.into()));
+        quotient_of_code(v, v.to_f(code), self.bits)
+    }
+
+    /// Adds the component's code to the texels.
+    #[inline(always)]
+    fn encode<V: Vector>(&self, v: V, number: V::F, texels: &mut [V::I; 4]) {
+        if self.bits == 0 {
+            return;
+        }
+        let number = v.min(v.max(number, v.splat(0.0)), v.splat(1.0));
+        let code = v.left_i(v.scaled(number, self.ones.into()), self.shift);
+        match self.is_second {
+            false => texels[0] = v.or_i(texels[0], code),
+            true => texels[1] = v.or_i(texels[1], code),
+        }
+    }
+}
+
+/// Normalised integers in up to two words.
+#[derive(Clone, Copy)]
+struct Fields {
+    size_bytes: usize,
+    fields: [Field; 4],
+}
+
+impl Fields {
+    /// Of a format that is such.
+    fn of(info: &FormatInfo) -> Option<Self> {
+        let fits = |channel: &Channel| {
+            channel.bits <= 16 && channel.offset % 32 + channel.bits <= 32 && channel.offset < 64
+        };
+        let is_such = info.numeric == Numeric::Unorm && info.channels.iter().all(fits);
+        (is_such && matches!(info.size_bytes, 1 | 2 | 4 | 8)).then(|| Self {
+            size_bytes: info.size_bytes.into(),
+            fields: info.channels.map(|channel| Field {
+                bits: channel.bits,
+                is_second: channel.offset >= 32,
+                shift: u32::from(channel.offset % 32),
+                ones: ((1u32 << channel.bits) - 1) as u16,
+            }),
+        })
+    }
+}
+
+impl<V: Vector> Code<V> for Fields {
+    #[inline(always)]
+    fn size_bytes(self) -> usize {
+        self.size_bytes
+    }
+
+    #[inline(always)]
+    fn has(self, component: usize) -> bool {
+        self.fields[component].bits != 0
+    }
+
+    #[inline(always)]
+    fn range(self) -> Range {
+        Range::Unorm
+    }
+
+    #[inline(always)]
+    fn decode(self, v: V, texels: &[V::I; 4]) -> [V::F; 4] {
+        let mut colors = [v.splat(0.0); 4];
+        let [r, g, b, a] = &self.fields;
+        // One by one: a loop would keep them in memory.
+        if r.bits != 0 {
+            colors[0] = r.decode(v, texels);
+        }
+        if g.bits != 0 {
+            colors[1] = g.decode(v, texels);
+        }
+        if b.bits != 0 {
+            colors[2] = b.decode(v, texels);
+        }
+        if a.bits != 0 {
+            colors[3] = a.decode(v, texels);
+        }
+        colors
+    }
+
+    #[inline(always)]
+    fn encode(self, v: V, colors: &[V::F; 4]) -> [V::I; 4] {
+        let mut texels = [v.splat_i(0); 4];
+        let [r, g, b, a] = &self.fields;
+        r.encode(v, colors[0], &mut texels);
+        g.encode(v, colors[1], &mut texels);
+        b.encode(v, colors[2], &mut texels);
+        a.encode(v, colors[3], &mut texels);
+        texels
+    }
+}
+
 /// Any format, by the codec that shaders have, too.
 #[derive(Clone, Copy)]
 struct Any<'a> {
@@ -402,6 +512,10 @@ impl Color {
                 });
             }
             let all = (over, packs, outputs);
+            let (info, range) = (self.target.surface.format, self.range);
+            if !V::IS_MACHINES && !HAS_PORTABLE_LOOPS {
+                return self.write_as(v, Any { info, range }, all);
+            }
             match self.coding {
                 Coding::Bytes([0, 8, 16, 24]) => self.write_as(v, Bytes::<false>, all),
                 Coding::Bytes([16, 8, 0, 24]) => self.write_as(v, Bytes::<true>, all),
@@ -411,10 +525,10 @@ impl Color {
                 Coding::Words(1) => self.write_as(v, Words::<1>, all),
                 Coding::Words(2) => self.write_as(v, Words::<2>, all),
                 Coding::Words(4) => self.write_as(v, Words::<4>, all),
-                _ => {
-                    let (info, range) = (self.target.surface.format, self.range);
-                    self.write_as(v, Any { info, range }, all);
-                }
+                _ => match Fields::of(info) {
+                    Some(fields) => self.write_as(v, fields, all),
+                    None => self.write_as(v, Any { info, range }, all),
+                },
             }
         }
     }

@@ -16,7 +16,7 @@ use crate::raster::{Targets, Work};
 const COLOR: vk::ImageAspectFlags = vk::ImageAspectFlags::COLOR;
 const DEPTH: vk::ImageAspectFlags = vk::ImageAspectFlags::DEPTH;
 
-const COLORS: [vk::Format; 10] = [
+const COLORS: [vk::Format; 17] = [
     vk::Format::R8G8B8A8_UNORM,
     vk::Format::B8G8R8A8_UNORM,
     vk::Format::R8G8B8A8_SRGB,
@@ -24,7 +24,14 @@ const COLORS: [vk::Format; 10] = [
     vk::Format::R5G6B5_UNORM_PACK16,
     vk::Format::R8G8B8A8_SNORM,
     vk::Format::A2B10G10R10_UNORM_PACK32,
+    vk::Format::A1R5G5B5_UNORM_PACK16,
+    vk::Format::B10G11R11_UFLOAT_PACK32,
+    vk::Format::R16G16_UNORM,
+    vk::Format::R16G16B16A16_UNORM,
+    vk::Format::R16_SFLOAT,
+    vk::Format::R16G16_SFLOAT,
     vk::Format::R16G16B16A16_SFLOAT,
+    vk::Format::R32_SFLOAT,
     vk::Format::R32G32_SFLOAT,
     vk::Format::R32G32B32A32_SFLOAT,
 ];
