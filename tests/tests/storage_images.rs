@@ -206,6 +206,25 @@ fn texel_buffers_read_what_images_have() {
     }
 }
 
+/// The view of slices 5 to 7 of a volume.
+fn sliced_view(gpu: &Gpu, volume: &Picture) -> vk::ImageView {
+    let mut slices = vk::ImageViewSlicedCreateInfoEXT::default()
+        .slice_offset(5)
+        .slice_count(3);
+    let info = vk::ImageViewCreateInfo::default()
+        .image(volume.handle)
+        .view_type(vk::ImageViewType::TYPE_3D)
+        .format(volume.shape.format)
+        .subresource_range(
+            vk::ImageSubresourceRange::default()
+                .aspect_mask(vk::ImageAspectFlags::COLOR)
+                .level_count(1)
+                .layer_count(1),
+        )
+        .push_next(&mut slices);
+    gpu.view(&info)
+}
+
 /// A view of slices 5 to 7 of a volume: they count from zero, and others are outside of it.
 #[test]
 fn a_view_of_some_slices_has_no_others() {
@@ -223,21 +242,7 @@ fn a_view_of_some_slices_has_no_others() {
     };
     let volume = gpu.picture(shape, STORAGE);
     gpu.upload(&volume, 0, &[7u32; 40]);
-    let mut slices = vk::ImageViewSlicedCreateInfoEXT::default()
-        .slice_offset(5)
-        .slice_count(3);
-    let info = vk::ImageViewCreateInfo::default()
-        .image(volume.handle)
-        .view_type(vk::ImageViewType::TYPE_3D)
-        .format(shape.format)
-        .subresource_range(
-            vk::ImageSubresourceRange::default()
-                .aspect_mask(vk::ImageAspectFlags::COLOR)
-                .level_count(1)
-                .layer_count(1),
-        )
-        .push_next(&mut slices);
-    let view = gpu.view(&info);
+    let view = sliced_view(&gpu, &volume);
     let depth = gpu.buffer(4);
     let source = "
         layout(local_size_x = 2, local_size_y = 2, local_size_z = 4) in;
@@ -262,4 +267,46 @@ fn a_view_of_some_slices_has_no_others() {
         })
         .collect();
     assert_eq!(got, wanted);
+}
+
+/// Only storage images see some slices of such a view: samplers see all
+/// (`VkImageViewSlicedCreateInfoEXT`).
+#[test]
+fn samplers_see_all_slices_of_a_view_of_some() {
+    // Older validation layers do not know the extension and hide its feature.
+    let gpu = Gpu::without_validation().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
+        gpu.optional.sliced_views.image_sliced_view_of3_d != 0
+    });
+    let Some(gpu) = gpu else {
+        return;
+    };
+    let shape = Shape {
+        kind: vk::ImageViewType::TYPE_3D,
+        extent: [2, 2, 10],
+        ..Shape::flat(F::R32_UINT, 0, 0)
+    };
+    let volume = gpu.picture(shape, STORAGE | vk::ImageUsageFlags::SAMPLED);
+    let texels: Vec<u32> = (100..140).collect();
+    gpu.upload(&volume, 0, &texels);
+    let view = sliced_view(&gpu, &volume);
+    let sampler = gpu.sampler(&vk::SamplerCreateInfo::default());
+    let (found, depth) = (gpu.buffer(4 * 40), gpu.buffer(4));
+    let source = "
+        layout(local_size_x = 2, local_size_y = 2, local_size_z = 10) in;
+        layout(binding = 0) uniform usampler3D volume;
+        layout(binding = 1) writeonly buffer Found { uint found[]; };
+        layout(binding = 2) writeonly buffer Depth { int depth; };
+        void main() {
+            ivec3 at = ivec3(gl_LocalInvocationID);
+            found[4 * at.z + 2 * at.y + at.x] = texelFetch(volume, at, 0).x;
+            depth = textureSize(volume, 0).z;
+        }";
+    let bindings: [(u32, &[Bound]); 3] = [
+        (0, &[Bound::Sampled(view, sampler)]),
+        (1, &[Bound::Storage(found)]),
+        (2, &[Bound::Storage(depth)]),
+    ];
+    gpu.compute_with(source, &bindings, [1, 1, 1]);
+    assert_eq!(depth.read::<i32>(), [10]);
+    assert_eq!(found.read::<u32>(), texels);
 }

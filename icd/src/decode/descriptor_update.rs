@@ -83,7 +83,7 @@ unsafe fn write_entry(
                 let info = source.cast::<vk::DescriptorImageInfo>().read_unaligned();
                 if ty != Ty::SAMPLER {
                     (*entry).image = optional::<ImageView>(info.image_view)
-                        .map_or(std::ptr::null(), |view| view.descriptor.as_ptr().cast());
+                        .map_or(std::ptr::null(), |view| view.entry(ty).as_ptr().cast());
                 }
                 let sampled = matches!(ty, Ty::SAMPLER | Ty::COMBINED_IMAGE_SAMPLER);
                 if sampled && binding.immutable_samplers.is_empty() {

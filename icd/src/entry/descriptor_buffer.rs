@@ -42,14 +42,17 @@ pub(super) unsafe fn captured(next: *const c_void) -> Option<u64> {
 ///
 /// # Safety
 /// `info` is null or valid; what it names is alive or null.
-unsafe fn image_descriptor(info: *const vk::DescriptorImageInfo) -> StoredDescriptor {
+unsafe fn image_descriptor(
+    ty: vk::DescriptorType,
+    info: *const vk::DescriptorImageInfo,
+) -> StoredDescriptor {
     // SAFETY: the caller guarantees that `info` is null or valid; what it names is alive or null.
     unsafe {
         let view = info
             .as_ref()
             .and_then(|info| optional::<ImageView>(info.image_view));
         StoredDescriptor {
-            image: view.map_or(0, |view| view.descriptor.key.0),
+            image: view.map_or(0, |view| view.entry(ty).key.0),
             ..StoredDescriptor::default()
         }
     }
@@ -97,11 +100,11 @@ unsafe fn descriptor(views: &Views, info: &vk::DescriptorGetInfoEXT<'_>) -> Stor
                     .p_combined_image_sampler
                     .as_ref()
                     .map_or(0, |info| sampler_key(info.sampler)),
-                ..image_descriptor(data.p_combined_image_sampler)
+                ..image_descriptor(info.ty, data.p_combined_image_sampler)
             },
-            Ty::SAMPLED_IMAGE => image_descriptor(data.p_sampled_image),
-            Ty::STORAGE_IMAGE => image_descriptor(data.p_storage_image),
-            Ty::INPUT_ATTACHMENT => image_descriptor(data.p_input_attachment_image),
+            Ty::SAMPLED_IMAGE => image_descriptor(info.ty, data.p_sampled_image),
+            Ty::STORAGE_IMAGE => image_descriptor(info.ty, data.p_storage_image),
+            Ty::INPUT_ATTACHMENT => image_descriptor(info.ty, data.p_input_attachment_image),
             Ty::UNIFORM_TEXEL_BUFFER | Ty::STORAGE_TEXEL_BUFFER => {
                 range_of(data.p_uniform_texel_buffer).map_or(null, |info| {
                     let format = Format(info.format.as_raw() as u32);

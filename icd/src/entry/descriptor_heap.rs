@@ -8,7 +8,7 @@ use smallvec::SmallVec;
 use spirv_jit::descriptor_heap::{DESCRIPTOR_BYTES, Table};
 use spirv_jit::environment::{Descriptor, StoredDescriptor};
 
-use super::image::view;
+use super::image::{slices_of, view};
 use super::record::record;
 use crate::VkResult;
 use crate::command::{BindHeap, Command, Recording};
@@ -47,16 +47,19 @@ unsafe fn descriptor(
     // SAFETY: the caller guarantees valid usage of `vkWriteResourceDescriptorsEXT`; the type says
     // which part of the union there is.
     unsafe {
-        let data = &info.data;
-        Ok(match info.ty {
+        let (data, ty) = (&info.data, info.ty);
+        Ok(match ty {
             Ty::SAMPLED_IMAGE | Ty::STORAGE_IMAGE | Ty::INPUT_ATTACHMENT => {
                 let Some(info) = data.p_image.as_ref() else {
                     return Ok(null);
                 };
+                let is_storage = ty == Ty::STORAGE_IMAGE;
                 let info = &*info.p_view;
                 let image = from_handle::<Image>(info.image);
+                let all = view(info)?;
+                let slices = slices_of(info, &all).filter(|_| is_storage);
                 StoredDescriptor {
-                    image: image.heap_view(views, view(info)?)?.0,
+                    image: image.heap_view(views, slices.unwrap_or(all))?.0,
                     ..null
                 }
             }

@@ -65,19 +65,18 @@ pub(super) fn subresource_layout(
 /// `info` is valid usage of `vkCreateImageView`.
 pub(super) unsafe fn view(info: &vk::ImageViewCreateInfo<'_>) -> VkResult<ImageDescriptor> {
     // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateImageView`.
-    let (image, min_lod, conversion, slices) = unsafe {
+    let (image, min_lod, conversion) = unsafe {
         (
             from_handle::<Image>(info.image),
             chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next),
             chain::find::<vk::SamplerYcbcrConversionInfo>(info.p_next)
                 .and_then(|info| handle::optional::<YcbcrConversion>(info.conversion)),
-            chain::find::<vk::ImageViewSlicedCreateInfoEXT>(info.p_next),
         )
     };
     if image.data().is_null() {
         return Err(vk::Result::ERROR_UNKNOWN);
     }
-    let descriptor = view_descriptor(
+    view_descriptor(
         image,
         info.view_type,
         info.format,
@@ -85,11 +84,22 @@ pub(super) unsafe fn view(info: &vk::ImageViewCreateInfo<'_>) -> VkResult<ImageD
         &info.subresource_range,
         min_lod.map_or(0.0, |min| min.min_lod),
         conversion.map(|conversion| conversion.conversion),
-    )?;
-    Ok(match slices {
-        Some(slices) if info.view_type == vk::ImageViewType::TYPE_3D => sliced(descriptor, slices),
-        _ => descriptor,
-    })
+    )
+}
+
+/// The descriptor of storage images, if those see only some slices of a view.
+///
+/// # Safety
+/// As [`view`].
+pub(super) unsafe fn slices_of(
+    info: &vk::ImageViewCreateInfo<'_>,
+    view: &ImageDescriptor,
+) -> Option<ImageDescriptor> {
+    // SAFETY: the caller guarantees that `info` is valid usage of `vkCreateImageView`.
+    let slices = unsafe { chain::find::<vk::ImageViewSlicedCreateInfoEXT>(info.p_next) };
+    slices
+        .filter(|_| info.view_type == vk::ImageViewType::TYPE_3D)
+        .map(|slices| sliced(*view, slices))
 }
 
 fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
@@ -344,11 +354,16 @@ pub(crate) unsafe extern "system" fn vkCreateImageView(
             .flags
             .contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
-        let descriptor =
-            ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
+        let slices = slices_of(info, &descriptor);
+        let store = |descriptor, replay| {
+            ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)
+        };
+        let descriptor = store(descriptor, replay)?;
+        let slices = slices.map(|slices| store(slices, None)).transpose()?;
         let (image, range) = (handle::retain(info.image), info.subresource_range);
         *out = handle::create(ImageView {
             descriptor,
+            slices,
             image,
             format: info.format,
             range,

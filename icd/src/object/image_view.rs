@@ -14,12 +14,22 @@ use crate::wave::mask::InvocationMask;
 /// An image view: the descriptor that shaders read, and the part of the image that commands write.
 pub struct ImageView {
     pub descriptor: ViewEntry<ImageDescriptor>,
+    /// The descriptor of storage images, if those see only some slices.
+    pub slices: Option<ViewEntry<ImageDescriptor>>,
     pub image: Ref<Image>,
     pub format: vk::Format,
     pub range: vk::ImageSubresourceRange,
 }
 
 impl ImageView {
+    /// The view that a descriptor of a type names.
+    pub fn entry(&self, ty: vk::DescriptorType) -> &ViewEntry<ImageDescriptor> {
+        match (ty, &self.slices) {
+            (vk::DescriptorType::STORAGE_IMAGE, Some(slices)) => slices,
+            _ => &self.descriptor,
+        }
+    }
+
     /// The number of layers, or of slices of a 3D image.
     pub fn layer_count(&self) -> u32 {
         match self.image.image_type {
@@ -201,7 +211,8 @@ fn write_planes(levels: &mut [Level], image: &Image, data: *mut u8, first_layer:
     }
 }
 
-/// The view of a 3D image without the slices outside of a range (`VK_EXT_image_sliced_view_of_3d`).
+/// The view of a 3D image without the slices outside of a range, as storage images see it
+/// (`VkImageViewSlicedCreateInfoEXT`).
 pub fn sliced(
     mut view: ImageDescriptor,
     slices: &vk::ImageViewSlicedCreateInfoEXT<'_>,
