@@ -133,7 +133,8 @@ fn add_build(facts: &mut Value, builds: &BTreeMap<u64, StructureBuild>, address:
 /// # Safety
 /// The structures that lie in `live` are not changed meanwhile.
 unsafe fn hash_of(address: u64, live: &Live) -> Option<u64> {
-    // SAFETY: the caller's promise; a structure that is found ends in live memory.
+    // SAFETY: the caller guarantees that structures in `live` do not change; one that is found ends
+    // there.
     let bytes = unsafe {
         let size_bytes = Structure::at(address, live)?.size_bytes();
         std::slice::from_raw_parts(address as *const u8, size_bytes as usize)

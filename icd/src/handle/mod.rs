@@ -106,7 +106,7 @@ fn pointer<T: Handled>(handle: T::Handle) -> *const Object<T> {
 /// # Safety
 /// The handle is alive and stays so for `'a`.
 pub unsafe fn from_handle<'a, T: Handled>(handle: T::Handle) -> &'a Object<T> {
-    // SAFETY: the caller's promise, and the tag has been checked.
+    // SAFETY: the caller guarantees that the handle stays alive; the tag has been checked.
     unsafe { &*pointer::<T>(handle) }
 }
 

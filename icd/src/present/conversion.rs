@@ -231,7 +231,8 @@ unsafe fn floats<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mu
     let texel = texels.data.cast::<[u16; 4]>();
     let pixels = row.chunks_exact_mut(size_of::<L::Word>()).enumerate();
     for (x, pixel) in pixels.skip(done) {
-        // SAFETY: there are as many texels as pixels (`convert`), aligned (the caller's promise).
+        // SAFETY: `convert` has checked that there are as many texels as pixels; its caller
+        // guarantees that they are aligned.
         let halves = unsafe { texel.add(x).read() };
         let mut packed = alpha;
         for c in 0..4 {

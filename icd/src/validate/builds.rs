@@ -28,7 +28,7 @@ impl Checks {
             destination.size_bytes,
             reach,
         );
-        // SAFETY: the caller's promise, for each.
+        // SAFETY: the caller guarantees that nothing writes what the build reads meanwhile.
         unsafe {
             match &build.geometries {
                 BuildGeometries::Triangles(list) => {
@@ -86,7 +86,7 @@ impl Checks {
                 format!("{transform:?}")
             });
         }
-        // SAFETY: the caller's promise, for both.
+        // SAFETY: the caller guarantees that nothing writes what the build reads meanwhile.
         unsafe {
             self.indices(list, reach);
             self.geometry_micromap(list, reach);

@@ -63,7 +63,8 @@ pub(crate) unsafe fn read(source: &InstanceSource<'_>, index: u32) -> Option<Ins
         InstanceArray::MotionPointers => {
             let pointer = pointer()?;
             let (address, ty) = (pointer & !0xF, (pointer & 0xF) as u32);
-            // SAFETY: the caller's promise, for the record of that type.
+            // SAFETY: the caller guarantees that records behind pointers are readable and
+            // unchanged.
             unsafe {
                 match ty {
                     motion_type::MATRIX => {

@@ -128,8 +128,8 @@ unsafe fn build_to_depth(
         written.cost = unsafe { refit::measure(&target, nodes, leaves) };
     }
     if shape.micromap_bytes > 0 {
-        // SAFETY: the destination has room for the part after the others; the caller's promise for
-        // the geometries.
+        // SAFETY: the destination has room for the part after the others; the caller guarantees
+        // that the geometries are readable.
         unsafe { write_micromaps(&target, shape.micromap_bytes) };
     }
     // SAFETY: the parts are inside the destination.

@@ -50,7 +50,8 @@ impl GeometryMicromap {
     /// The memory of the indices is readable and unchanged.
     pub(crate) unsafe fn word(&self, index: u32) -> u32 {
         let offset = u64::from(index).checked_mul(self.index_stride_bytes);
-        // SAFETY: the caller's promise, for all three. Special indices are cast to the type.
+        // SAFETY: the caller guarantees that the memory of the indices is readable and unchanged.
+        // Special indices are cast to the type.
         let read = || unsafe {
             Some(match self.index_type {
                 IndexType::None => index,
