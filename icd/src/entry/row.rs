@@ -81,7 +81,9 @@ macro_rules! command_table {
     (@availability Core13) => { $crate::entry::row::Availability::Core($crate::ffi::vk::API_VERSION_1_3) };
     (@availability Core14) => { $crate::entry::row::Availability::Core($crate::ffi::vk::API_VERSION_1_4) };
     (@availability $extension:ident) => {
-        $crate::entry::row::Availability::Extension($crate::capabilities::extensions::Extension::$extension)
+        $crate::entry::row::Availability::Extension(
+            $crate::capabilities::extensions::Extension::$extension,
+        )
     };
 }
 

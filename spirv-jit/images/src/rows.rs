@@ -59,7 +59,7 @@ impl Wave<'_> {
     /// As all of these: the index is that of a subgroup, and there is such an operand.
     #[inline(always)]
     pub(super) unsafe fn mask(&self, index: usize) -> u16 {
-        // SAFETY: the caller guarantees the index and the operand; the rows are the type's.
+        // SAFETY: the caller passes indices that exist; each subgroup has its rows ([`Wave`]).
         unsafe {
             let subgroup = *self.subgroups.get_unchecked(index);
             self.lanes.get_unchecked(subgroup as usize).bits()
@@ -70,7 +70,7 @@ impl Wave<'_> {
     /// As [`Self::mask`].
     #[inline(always)]
     pub(super) unsafe fn operand(&self, index: usize, operand: usize) -> &Row {
-        // SAFETY: the caller guarantees the index and the operand; the rows are the type's.
+        // SAFETY: the caller passes indices that exist; each subgroup has its rows ([`Wave`]).
         unsafe {
             let subgroup = *self.subgroups.get_unchecked(index);
             &*self.operands.get_unchecked(operand).of(subgroup)
@@ -139,7 +139,7 @@ impl Wave<'_> {
         component: usize,
         value: V::I,
     ) {
-        // SAFETY: the caller guarantees the index and the operand; the rows are the type's.
+        // SAFETY: the caller passes indices that exist; each subgroup has its rows ([`Wave`]).
         unsafe {
             let subgroup = *self.subgroups.get_unchecked(index);
             v.store_i(value, &mut *self.results[component].of(subgroup));

@@ -629,7 +629,7 @@ lanes::vectors! {
 /// They are writable.
 #[inline(always)]
 unsafe fn store_sixteen<V: Vector>(v: V, size: usize, to: *mut u8, words: [V::I; 4]) -> bool {
-    // Two texels and the two behind them are a quad.
+    // Four texels in a row go to a quad: its second line is the next two texels.
     let quads = [0, 4, 8, 12].map(|lane: usize| to.wrapping_add(lane * size));
     let [a, b, ..] = words;
     // SAFETY: the caller guarantees that the texels are writable.
