@@ -257,6 +257,11 @@ impl Runner {
         (&self.states, self.rows)
     }
 
+    /// The same, to be written.
+    pub fn all_states_mut(&mut self) -> (&mut [AlignedRow], usize) {
+        (&mut self.states, self.rows)
+    }
+
     /// The state of one subgroup.
     pub fn state(&mut self, subgroup: usize) -> &mut [AlignedRow] {
         &mut self.states[subgroup * self.rows..][..self.rows]

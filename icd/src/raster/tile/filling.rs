@@ -1,120 +1,188 @@
-//! The input rows of a subgroup of fragments, filled.
+//! The input rows of a wave's fragments, filled row by row: each row is looked up once a wave.
 
 use lanes::vector::Vector;
 use spirv_jit::program::{AlignedRow, Position};
 
-use super::inputs::{BarycentricMode, Fragments, InputRowSource, Inputs, Steps};
-use super::interpolation::{interpolate, perspective_weights};
-use super::lanes::{Row, lanes_of};
+use super::coarse::Spread;
+use super::inputs::{BarycentricMode, InputRowSource, Inputs};
+use super::interpolation::{interpolate, perspective_weights, plane_at};
+use super::lanes::Row;
+use super::pack::Pack;
 use super::samples::from_center;
-use crate::raster::primitive::{PlaneEquation, Record};
+use super::shares::{Share, Shares, record_of};
+use crate::raster::Chunk;
+use crate::raster::primitive::Record;
+
+/// The fragments of a wave.
+#[derive(Clone, Copy)]
+pub struct WaveFragments<'a> {
+    pub chunks: &'a [Chunk],
+    pub packs: &'a [Pack],
+    /// Of packs whose fragments are of several pixels.
+    pub spread: &'a [Spread],
+}
+
+/// The input rows of a wave's subgroups.
+pub struct InputRows<'a> {
+    /// Rows of states, one state after the other.
+    pub states: &'a mut [AlignedRow],
+    /// Rows of one state, and the first of its inputs.
+    pub rows: usize,
+    pub first: usize,
+}
+
+impl InputRows<'_> {
+    #[inline(always)]
+    fn of(&mut self, subgroup: usize, row: usize) -> &mut Row {
+        &mut self.states[subgroup * self.rows + self.first + row].0
+    }
+
+    /// Writes the lanes of a share to one of its subgroup's rows.
+    #[inline(always)]
+    fn put<V: Vector>(&mut self, v: V, share: &Share, row: usize, words: V::I) {
+        let row = self.of(share.subgroup, row);
+        let words = match share.lanes {
+            u16::MAX => words,
+            lanes => v.select(lanes, words, v.load_i(row)),
+        };
+        v.store_i(words, row);
+    }
+}
 
 impl Inputs {
-    /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`]; or some of
-    /// their lanes, without the rows of `held`, a bit each, which are filled already.
+    /// Fills all rows of a wave.
     #[inline(always)]
-    pub fn fill_uniform<V: Vector>(
+    pub fn fill<V: Vector>(
         &self,
         v: V,
-        fragments: &Fragments<'_>,
-        steps: &Steps,
-        (lanes, held): (u16, u64),
-        rows: &mut [AlignedRow],
+        fragments: WaveFragments<'_>,
+        shares: &mut Shares,
+        rows: &mut InputRows<'_>,
     ) {
-        let mut filling = Filling::<V, true>::new(v, self, fragments, &steps.rows);
-        (filling.lanes, filling.held) = (lanes, held);
-        filling.constant = steps.constant;
-        filling.fill(rows);
+        for &mode in &self.modes {
+            for (share, weights) in shares.list.iter().zip(&mut shares.weights) {
+                let [second, third] = Filling::new(v, self, fragments, share).weights(mode);
+                v.store(second, &mut weights[0].0);
+                v.store(third, &mut weights[1].0);
+            }
+            self.fill_interpolated(v, mode, shares, rows);
+        }
+        let is_center = self.position == Position::Center;
+        for (row, fill) in self.fills.iter().enumerate() {
+            match *fill {
+                InputRowSource::Varying(..) | InputRowSource::Barycentric(..) => {}
+                InputRowSource::CoordX if is_center => {
+                    self.fill_coordinate(v, fragments.packs, |it| &it.places.x, 0, row, rows);
+                }
+                InputRowSource::CoordY if is_center => {
+                    self.fill_coordinate(v, fragments.packs, |it| &it.places.y, 1, row, rows);
+                }
+                _ if fill.is_of_primitive() => {
+                    for share in &shares.list {
+                        let (record, chunk) = record_of(fragments.chunks, share.origin);
+                        let word = self.word(fill, record, chunk);
+                        rows.put(v, share, row, v.splat_i(word as i32));
+                    }
+                }
+                _ => {
+                    for share in &shares.list {
+                        let words = Filling::new(v, self, fragments, share).row(fill);
+                        rows.put(v, share, row, words);
+                    }
+                }
+            }
+        }
     }
 
-    /// Fills those of a subgroup of several.
+    /// Fills x or y of `FragCoord` at the fragments' centres.
     #[inline(always)]
-    pub fn fill_mixed<V: Vector>(&self, v: V, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
-        Filling::<V, false>::new(v, self, fragments, &[]).fill(rows);
+    fn fill_coordinate<V: Vector>(
+        &self,
+        v: V,
+        packs: &[Pack],
+        quads: impl Fn(&Pack) -> &[i32; 4],
+        axis: usize,
+        row: usize,
+        rows: &mut InputRows<'_>,
+    ) {
+        let in_quad = v.load(&self.in_quad[axis]);
+        for (subgroup, pack) in packs.iter().enumerate() {
+            let quads = v.to_f(v.quads(&quads(pack).map(|it| it as u32)));
+            let numbers = v.add(v.add(quads, in_quad), v.splat(0.5));
+            v.store(numbers, rows.of(subgroup, row));
+        }
+    }
+
+    /// Fills the rows that follow from barycentric coordinates of one kind, which the shares have.
+    #[inline(always)]
+    fn fill_interpolated<V: Vector>(
+        &self,
+        v: V,
+        mode: BarycentricMode,
+        shares: &Shares,
+        rows: &mut InputRows<'_>,
+    ) {
+        for (index, varying) in self.varyings.iter().enumerate() {
+            if varying.mode != mode {
+                continue;
+            }
+            for (share, weights) in shares.list.iter().zip(&shares.weights) {
+                let [first, second, third] = shares.steps(share, index).map(|it| v.splat(it));
+                let weights = [v.load(&weights[0].0), v.load(&weights[1].0)];
+                let numbers = interpolate(v, first, [second, third], weights);
+                rows.put(v, share, varying.row, v.bits_of(numbers));
+            }
+        }
+        for (row, fill) in self.fills.iter().enumerate() {
+            let InputRowSource::Barycentric(vertex, of) = *fill else {
+                continue;
+            };
+            if of != mode {
+                continue;
+            }
+            for (share, weights) in shares.list.iter().zip(&shares.weights) {
+                let [second, third] = [v.load(&weights[0].0), v.load(&weights[1].0)];
+                let numbers = match vertex {
+                    0 => v.sub(v.sub(v.splat(1.0), second), third),
+                    1 => second,
+                    _ => third,
+                };
+                rows.put(v, share, row, v.bits_of(numbers));
+            }
+        }
     }
 }
 
-/// Whether a row is one of the first ones that have a bit.
-#[inline(always)]
-fn is_in(rows: u64, row: usize) -> bool {
-    rows >> (row & 63) & 1 != 0
-}
-
-/// Rows of a subgroup while they are filled. `UNIFORM`: of one record.
-struct Filling<'a, V: Vector, const UNIFORM: bool> {
+/// The fragments of one share, as if the whole subgroup were of its primitive.
+struct Filling<'a, V: Vector> {
     v: V,
     inputs: &'a Inputs,
-    fragments: &'a Fragments<'a>,
-    /// Of one record.
-    steps: &'a [[f32; 3]],
-    /// The lanes that are filled.
-    lanes: u16,
-    /// Rows that are not filled, and those whose varying is constant: a bit each.
-    held: u64,
-    constant: u64,
-    /// By index of [`BarycentricMode`]: the coordinates of the second and third vertex, once they
-    /// are known.
-    weights: [Option<[V::F; 2]>; 6],
+    pack: &'a Pack,
+    record: &'a Record,
+    chunk: &'a Chunk,
+    spread: Option<&'a Spread>,
 }
 
-impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
+impl<'a, V: Vector> Filling<'a, V> {
     #[inline(always)]
-    fn new(v: V, inputs: &'a Inputs, fragments: &'a Fragments<'a>, steps: &'a [[f32; 3]]) -> Self {
+    fn new(v: V, inputs: &'a Inputs, fragments: WaveFragments<'a>, share: &Share) -> Self {
+        let (record, chunk) = record_of(fragments.chunks, share.origin);
         Self {
             v,
             inputs,
-            fragments,
-            steps,
-            lanes: u16::MAX,
-            held: 0,
-            constant: 0,
-            weights: [None; 6],
+            pack: &fragments.packs[share.subgroup],
+            record,
+            chunk,
+            spread: fragments.spread.get(share.subgroup),
         }
     }
 
-    /// A value of each lane's quad.
-    #[inline(always)]
-    fn by_quad(&self, value: impl Fn(usize) -> u32) -> V::I {
-        match UNIFORM {
-            true => self.v.splat_i(value(0) as i32),
-            false => self.v.quads(&[value(0), value(1), value(2), value(3)]),
+    /// Covered lanes, by sample.
+    fn coverage(&self) -> &'a [u16] {
+        match self.spread {
+            Some(spread) => spread.coverage(),
+            None => &self.pack.coverage,
         }
-    }
-
-    /// A value of each lane's record.
-    #[inline(always)]
-    fn of_records(&self, value: impl Fn(&Record) -> u32) -> V::I {
-        self.by_quad(|quad| value(self.fragments.records[quad]))
-    }
-
-    #[inline(always)]
-    fn number_by_quad(&self, value: impl Fn(usize) -> f32) -> V::F {
-        (self.v).bits_to_f(self.by_quad(|quad| value(quad).to_bits()))
-    }
-
-    /// A word of a vertex, or of the primitive, of each lane's record, by its first word.
-    #[inline(always)]
-    fn of_vertices(&self, word: u32, first: impl Fn(&Record) -> u32) -> V::I {
-        let fragments = self.fragments;
-        let of = |quad: usize| {
-            let record = fragments.records[quad];
-            let place = first(record).wrapping_add(word) as usize;
-            fragments.chunks[quad]
-                .outputs
-                .get(place)
-                .copied()
-                .unwrap_or(0)
-        };
-        // Not in a loop: that would put them together in memory, where a load waits for the stores.
-        match UNIFORM {
-            true => self.v.splat_i(of(0) as i32),
-            false => self.v.quads(&[of(0), of(1), of(2), of(3)]),
-        }
-    }
-
-    #[inline(always)]
-    fn numbers_of_vertices(&self, word: u32, vertex: usize) -> V::F {
-        (self.v).bits_to_f(self.of_vertices(word, |record| record.vertices[vertex]))
     }
 
     /// Where lanes lie in their fragments, from the centre.
@@ -129,7 +197,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     }
 
     /// The same of invocations for a sample, and of centroids.
-    #[inline(always)]
+    #[inline(never)]
     fn samples_in_pixel(&self, position: Position) -> [Row; 2] {
         let locations = &self.inputs.locations;
         let mut places = [[0; 16]; 2];
@@ -137,13 +205,13 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             Position::Center => {}
             Position::Sample => {
                 for lane in 0..16 {
-                    let sample = usize::from(self.fragments.sample[lane / 4]) % locations.len();
+                    let sample = usize::from(self.pack.sample[lane / 4]) % locations.len();
                     let [x, y] = from_center(locations[sample]);
                     (places[0][lane], places[1][lane]) = (x.to_bits(), y.to_bits());
                 }
             }
             Position::Centroid => {
-                let masks = &self.fragments.coverage[..locations.len()];
+                let masks = &self.coverage()[..locations.len()];
                 let all = masks.iter().fold(u16::MAX, |all, mask| all & mask);
                 for lane in 0..16 {
                     let covers = |mask: &u16| mask >> lane & 1 != 0;
@@ -161,18 +229,17 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     /// The first column or row of each lane's quad.
     #[inline(always)]
     fn of_quads(&self, quads: &[i32; 4]) -> V::I {
-        let [a, b, c, d] = *quads;
-        self.v.quads(&[a as u32, b as u32, c as u32, d as u32])
+        self.v.quads(&quads.map(|it| it as u32))
     }
 
-    /// Coordinates from the records' origins on.
+    /// Coordinates from the record's origin on.
     #[inline(always)]
     fn coordinates(&self, position: Position) -> [V::F; 2] {
         let v = self.v;
-        let origin_x = self.of_records(|record| i32::from(record.origin[0]) as u32);
-        let origin_y = self.of_records(|record| i32::from(record.origin[1]) as u32);
-        let x = v.sub_i(self.of_quads(self.fragments.x), origin_x);
-        let y = v.sub_i(self.of_quads(self.fragments.y), origin_y);
+        let places = &self.pack.places;
+        let [origin_x, origin_y] = self.record.origin.map(|it| v.splat_i(it.into()));
+        let x = v.sub_i(self.of_quads(&places.x), origin_x);
+        let y = v.sub_i(self.of_quads(&places.y), origin_y);
         // Exact: records start within 2²¹ pixels, and halves fit beside that.
         let x = v.add(v.to_f(x), v.load(&self.inputs.in_quad[0]));
         let y = v.add(v.to_f(y), v.load(&self.inputs.in_quad[1]));
@@ -184,202 +251,58 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     }
 
     #[inline(always)]
-    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(usize) -> PlaneEquation) -> V::F {
-        let v = self.v;
-        let at = self.number_by_quad(|quad| plane(quad).at);
-        let dx = self.number_by_quad(|quad| plane(quad).dx);
-        let dy = self.number_by_quad(|quad| plane(quad).dy);
-        v.add(v.add(at, v.mul(dx, x)), v.mul(dy, y))
-    }
-
-    #[inline(always)]
     fn perspective(&self, at: [V::F; 2]) -> [V::F; 3] {
-        let records = &self.fragments.records;
+        let [first, second, third] = &self.record.perspective;
         [
-            self.plane(at, |quad| records[quad].perspective[0]),
-            self.plane(at, |quad| records[quad].perspective[1]),
-            self.plane(at, |quad| records[quad].perspective[2]),
+            plane_at(self.v, first, at),
+            plane_at(self.v, second, at),
+            plane_at(self.v, third, at),
         ]
-    }
-
-    /// 1 / w: the sum of the perspective planes.
-    #[inline(always)]
-    fn inverse_w(&self, at: [V::F; 2]) -> V::F {
-        let [first, second, third] = self.perspective(at);
-        self.v.add(self.v.add(first, second), third)
-    }
-
-    #[inline(always)]
-    fn linear(&self, at: [V::F; 2]) -> [V::F; 2] {
-        let fragments = self.fragments;
-        if UNIFORM {
-            let linear = fragments.linear(0);
-            return [self.plane(at, |_| linear[1]), self.plane(at, |_| linear[2])];
-        }
-        let linear = [
-            fragments.linear(0),
-            fragments.linear(1),
-            fragments.linear(2),
-            fragments.linear(3),
-        ];
-        [
-            self.plane(at, |quad| linear[quad][1]),
-            self.plane(at, |quad| linear[quad][2]),
-        ]
-    }
-
-    /// A bit a quad whose perspective-correct coordinates are the linear ones.
-    #[inline(always)]
-    fn affine_quads(&self) -> u32 {
-        let records = &self.fragments.records;
-        if UNIFORM {
-            return if records[0].is_affine { 0xf } else { 0 };
-        }
-        (0..4).fold(0, |quads, quad| {
-            quads | u32::from(records[quad].is_affine) << quad
-        })
     }
 
     /// Barycentric coordinates of the second and third vertex.
     #[inline(always)]
-    fn weights(&mut self, weights: BarycentricMode) -> [V::F; 2] {
-        if let Some(known) = self.weights[weights.index()] {
-            return known;
+    fn weights(&self, mode: BarycentricMode) -> [V::F; 2] {
+        let at = self.coordinates(mode.position);
+        if mode.perspective && !self.record.is_affine {
+            return perspective_weights(self.v, self.perspective(at));
         }
-        let at = self.coordinates(weights.position);
-        let affine = match weights.perspective {
-            true => self.affine_quads(),
-            false => 0xf,
-        };
-        let found = match affine {
-            0xf => self.linear(at),
-            0 => perspective_weights(self.v, self.perspective(at)),
-            _ => {
-                let (v, lanes) = (self.v, lanes_of(affine));
-                let [a, b] = self.linear(at);
-                let [c, d] = perspective_weights(v, self.perspective(at));
-                [
-                    v.bits_to_f(v.select(lanes, v.bits_of(a), v.bits_of(c))),
-                    v.bits_to_f(v.select(lanes, v.bits_of(b), v.bits_of(d))),
-                ]
-            }
-        };
-        self.weights[weights.index()] = Some(found);
-        found
+        let [_, second, third] = self.chunk.linear_of(self.record);
+        [plane_at(self.v, second, at), plane_at(self.v, third, at)]
     }
 
+    /// A row that differs among the fragments of a primitive.
     #[inline(always)]
-    fn fill(mut self, rows: &mut [AlignedRow]) {
-        let inputs = self.inputs;
-        let Some(common) = inputs.common else {
-            for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
-                let words = self.row(index, fill);
-                self.put(words, row);
-            }
-            return;
-        };
-        // Once, and kept in registers: as one of `self.weights` they would be looked up in memory
-        // for each row.
-        let weights = self.weights(common);
-        for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
-            let words = match *fill {
-                InputRowSource::Varying(..) if is_in(self.held, index) => continue,
-                InputRowSource::Varying(..) if is_in(self.constant, index) => {
-                    let [first, ..] = self.steps[index];
-                    self.v.bits_of(self.v.splat(first))
-                }
-                InputRowSource::Varying(word, _) => self.varying(index, word, weights),
-                _ => self.row(index, fill),
-            };
-            self.put(words, row);
-        }
-    }
-
-    #[inline(always)]
-    fn put(&self, words: V::I, row: &mut AlignedRow) {
-        let v = self.v;
-        let words = match self.lanes {
-            u16::MAX => words,
-            lanes => v.select(lanes, words, v.load_i(&row.0)),
-        };
-        v.store_i(words, &mut row.0);
-    }
-
-    /// A word's interpolation, for the row of that index.
-    #[inline(always)]
-    fn varying(&self, index: usize, word: u32, weights: [V::F; 2]) -> V::I {
-        let v = self.v;
-        if UNIFORM {
-            let [first, second, third] = self.steps[index];
-            let (first, steps) = (v.splat(first), [v.splat(second), v.splat(third)]);
-            return v.bits_of(interpolate(v, first, steps, weights));
-        }
-        let first = self.numbers_of_vertices(word, 0);
-        let second = v.sub(self.numbers_of_vertices(word, 1), first);
-        let third = v.sub(self.numbers_of_vertices(word, 2), first);
-        v.bits_of(interpolate(v, first, [second, third], weights))
-    }
-
-    #[inline(always)]
-    fn row(&mut self, index: usize, fill: &InputRowSource) -> V::I {
-        let v = self.v;
-        let position = self.inputs.position;
-        let fragments = self.fragments;
+    fn row(&self, fill: &InputRowSource) -> V::I {
+        let (v, position) = (self.v, self.inputs.position);
+        let places = &self.pack.places;
         match *fill {
-            InputRowSource::Constant(word) => v.splat_i(word as i32),
-            InputRowSource::Flat(word) => {
-                self.of_vertices(word, |it| it.vertices[usize::from(it.provoking.min(2))])
-            }
-            InputRowSource::PerVertex(word, vertex) => {
-                self.of_vertices(word, |record| record.vertices[vertex])
-            }
-            InputRowSource::OfPrimitive(word) => self.of_vertices(word, |record| record.words),
-            InputRowSource::Varying(word, weights) => {
-                let weights = self.weights(weights);
-                self.varying(index, word, weights)
-            }
-            InputRowSource::Barycentric(vertex, weights) => {
-                let [second, third] = self.weights(weights);
-                v.bits_of(match vertex {
-                    0 => v.sub(v.sub(v.splat(1.0), second), third),
-                    1 => second,
-                    _ => third,
-                })
-            }
-            InputRowSource::CoordX => self.coordinate(fragments.x, 0),
-            InputRowSource::CoordY => self.coordinate(fragments.y, 1),
+            InputRowSource::CoordX => self.coordinate(&places.x, 0),
+            InputRowSource::CoordY => self.coordinate(&places.y, 1),
             InputRowSource::Depth => {
                 let at = self.coordinates(position);
-                v.bits_of(self.plane(at, |quad| fragments.records[quad].depth))
+                v.bits_of(plane_at(v, &self.record.depth, at))
             }
             InputRowSource::InverseW => {
-                let at = self.coordinates(position);
-                v.bits_of(self.inverse_w(at))
+                // The sum of the perspective planes.
+                let [first, second, third] = self.perspective(self.coordinates(position));
+                v.bits_of(v.add(v.add(first, second), third))
             }
             InputRowSource::PointCoord(axis) => {
                 let at = self.coordinates(position);
-                let extra = |quad: usize| {
-                    let record = fragments.records[quad];
-                    fragments.chunks[quad].extra_of(record)
-                };
-                v.bits_of(self.plane(at, |quad| extra(quad).point_coord[axis]))
+                let extra = self.chunk.extra_of(self.record);
+                v.bits_of(plane_at(v, &extra.point_coord[axis], at))
             }
-            InputRowSource::SampleId => {
-                let [a, b, c, d] = *fragments.sample;
-                v.quads(&[a.into(), b.into(), c.into(), d.into()])
-            }
+            InputRowSource::SampleId => v.quads(&self.pack.sample.map(u32::from)),
             InputRowSource::SamplePosition(axis) => {
                 let inside = self.inside_pixel(position);
                 v.bits_of(v.add(v.splat(0.5), inside[axis]))
             }
             InputRowSource::SampleMask => v.load_i(&self.sample_mask()),
-            InputRowSource::Front => self.of_records(|record| u32::from(record.front)),
-            InputRowSource::Layer => self.of_records(|record| record.layer.into()),
-            InputRowSource::Viewport => self.of_records(|record| record.viewport.into()),
-            InputRowSource::Primitive => self.of_records(|record| record.primitive_id),
-            InputRowSource::View => self.of_records(|record| record.view_index.into()),
-            InputRowSource::SampleLocations(axis) => v.splat_i(self.inputs.packed[axis] as i32),
             InputRowSource::Planes(perspective, index) => self.planes(perspective, index),
+            // The others are [of a primitive](InputRowSource::is_of_primitive), or follow from its
+            // barycentric coordinates.
+            _ => v.splat_i(0),
         }
     }
 
@@ -393,13 +316,13 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         v.bits_of(v.add(center, v.add(v.splat(0.5), inside)))
     }
 
-    #[inline(always)]
+    #[inline(never)]
     fn sample_mask(&self) -> Row {
         let mut row = [0; 16];
-        for (sample, mask) in (0..self.inputs.locations.len()).zip(self.fragments.coverage) {
+        for (sample, mask) in (0..self.inputs.locations.len()).zip(self.coverage()) {
             for lane in 0..16 {
                 let is_its = self.inputs.position != Position::Sample
-                    || usize::from(self.fragments.sample[lane / 4]) == sample;
+                    || usize::from(self.pack.sample[lane / 4]) == sample;
                 row[lane] |= u32::from(is_its && mask >> lane & 1 != 0) << sample;
             }
         }
@@ -408,18 +331,15 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
 
     #[inline(always)]
     fn planes(&self, perspective: bool, index: usize) -> V::I {
-        let fragments = self.fragments;
-        let plane = |quad: usize| match perspective {
-            true => fragments.records[quad].perspective[index % 3],
-            false => fragments.linear(quad)[index % 3],
+        let v = self.v;
+        let plane = match perspective {
+            true => &self.record.perspective[index % 3],
+            false => &self.chunk.linear_of(self.record)[index % 3],
         };
         match index / 3 {
-            0 => {
-                let at = self.coordinates(Position::Center);
-                self.v.bits_of(self.plane(at, plane))
-            }
-            1 => self.by_quad(|quad| plane(quad).dx.to_bits()),
-            _ => self.by_quad(|quad| plane(quad).dy.to_bits()),
+            0 => v.bits_of(plane_at(v, plane, self.coordinates(Position::Center))),
+            1 => v.splat_i(plane.dx.to_bits() as i32),
+            _ => v.splat_i(plane.dy.to_bits() as i32),
         }
     }
 }

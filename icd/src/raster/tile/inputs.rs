@@ -10,8 +10,9 @@ use spirv_jit::program::{
 use super::interpolation::number;
 use super::lanes::{LANE_X, LANE_Y, Row};
 use super::samples::Locations;
+use super::shares::Steps;
 use crate::object::shading_rate::Rate;
-use crate::raster::primitive::{Chunk, PlaneEquation, Record};
+use crate::raster::primitive::{Chunk, Record};
 
 /// One row of inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +45,25 @@ pub(super) enum InputRowSource {
     Planes(bool, usize),
 }
 
+impl InputRowSource {
+    /// Whether a row is the same in all fragments of a primitive.
+    pub(super) fn is_of_primitive(self) -> bool {
+        matches!(
+            self,
+            Self::Constant(_)
+                | Self::Flat(_)
+                | Self::PerVertex(..)
+                | Self::OfPrimitive(_)
+                | Self::Front
+                | Self::Layer
+                | Self::Viewport
+                | Self::Primitive
+                | Self::View
+                | Self::SampleLocations(_)
+        )
+    }
+}
+
 /// Which barycentric coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct BarycentricMode {
@@ -51,24 +71,21 @@ pub(super) struct BarycentricMode {
     pub(super) position: Position,
 }
 
-impl BarycentricMode {
-    pub(super) fn index(self) -> usize {
-        let position = match self.position {
-            Position::Center => 0,
-            Position::Centroid => 1,
-            Position::Sample => 2,
-        };
-        position + if self.perspective { 3 } else { 0 }
-    }
+/// A row of inputs that is a word's interpolation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct InterpolatedRow {
+    pub row: usize,
+    pub word: u32,
+    pub mode: BarycentricMode,
 }
 
 /// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
     pub(super) fills: Vec<InputRowSource>,
-    /// The rows that are varyings, and their words.
-    varyings: Vec<(usize, u32)>,
-    /// The coordinates of the varyings, where all have the same.
-    pub(super) common: Option<BarycentricMode>,
+    /// The coordinates that rows need.
+    pub(super) modes: SmallVec<[BarycentricMode; 2]>,
+    /// The rows that are varyings.
+    pub(super) varyings: Vec<InterpolatedRow>,
     /// Samples of a fragment.
     pub(super) locations: Locations,
     /// Those of a pixel along each axis, [packed](Locations::packed).
@@ -98,24 +115,27 @@ pub enum Slope {
     Varying(u32, bool),
 }
 
-/// The coordinates of all varyings, if there is one and they are the same.
-fn common(fills: &[InputRowSource]) -> Option<BarycentricMode> {
-    let mut weights = fills.iter().filter_map(|fill| match *fill {
-        InputRowSource::Varying(_, weights) => Some(weights),
-        _ => None,
-    });
-    let first = weights.next()?;
-    weights.all(|other| other == first).then_some(first)
+/// The coordinates that rows need.
+fn modes(fills: &[InputRowSource]) -> SmallVec<[BarycentricMode; 2]> {
+    let mut modes: SmallVec<[BarycentricMode; 2]> = SmallVec::new();
+    for fill in fills {
+        if let InputRowSource::Varying(_, mode) | InputRowSource::Barycentric(_, mode) = *fill
+            && !modes.contains(&mode)
+        {
+            modes.push(mode);
+        }
+    }
+    modes
 }
 
-/// The rows that are varyings, and their words.
-fn varyings(fills: &[InputRowSource]) -> Vec<(usize, u32)> {
+/// The rows that are varyings.
+fn varyings(fills: &[InputRowSource]) -> Vec<InterpolatedRow> {
     let of_rows = fills.iter().enumerate();
-    let words = of_rows.filter_map(|(row, fill)| match *fill {
-        InputRowSource::Varying(word, _) => Some((row, word)),
+    let varyings = of_rows.filter_map(|(row, fill)| match *fill {
+        InputRowSource::Varying(word, mode) => Some(InterpolatedRow { row, word, mode }),
         _ => None,
     });
-    words.collect()
+    varyings.collect()
 }
 
 fn slope(fill: &InputRowSource) -> Option<Slope> {
@@ -144,69 +164,6 @@ fn sees_coverage(fill: &InputRowSource) -> bool {
         }
         InputRowSource::SampleMask => true,
         _ => false,
-    }
-}
-
-/// The varyings of one primitive.
-#[derive(Default)]
-pub struct Steps {
-    /// By row of inputs, of a varying: its value at the first vertex, and the differences of the
-    /// others. Other rows hold anything.
-    pub rows: SmallVec<[[f32; 3]; 16]>,
-    /// A bit for each of the first rows: the varying has the bits of the first vertex everywhere.
-    pub constant: u64,
-}
-
-impl Steps {
-    /// The rows that are constant in both, with the same value.
-    pub fn shared(&self, other: &Self) -> u64 {
-        let mut shared = self.constant & other.constant;
-        let mut left = shared;
-        while left != 0 {
-            let row = left.trailing_zeros() as usize;
-            left &= left - 1;
-            let [first, second] = [self.rows[row][0], other.rows[row][0]];
-            if first.to_bits() != second.to_bits() {
-                shared &= !(1 << row);
-            }
-        }
-        shared
-    }
-}
-
-/// Bits of −0.
-const NEGATIVE_ZERO: u32 = 0x8000_0000;
-
-/// Numbers of planes up to which all sums and products in the coordinates of pixels are finite.
-const TAME: f32 = 1e20;
-
-/// Whether the weights of a primitive's vertices are finite at all pixels.
-#[inline(always)]
-fn is_tame(record: &Record) -> bool {
-    let [_, second, third] = &record.perspective;
-    let size = |it: &PlaneEquation| it.at.abs() + it.dx.abs() + it.dy.abs();
-    record.is_affine && size(second) + size(third) < TAME
-}
-
-/// Sixteen fragments: four quads of one or several primitives.
-pub struct Fragments<'a> {
-    pub records: [&'a Record; 4],
-    /// Of each quad's record.
-    pub chunks: [&'a Chunk; 4],
-    /// First pixels of the quads.
-    pub x: &'a [i32; 4],
-    pub y: &'a [i32; 4],
-    /// Samples that the invocations are for, where there is one for each.
-    pub sample: &'a [u8; 4],
-    /// Covered lanes, by sample.
-    pub coverage: &'a [u16],
-}
-
-impl<'a> Fragments<'a> {
-    /// λᵢ of a quad's record (`NoPerspective`).
-    #[inline(always)]
-    pub fn linear(&self, quad: usize) -> &'a [PlaneEquation; 3] {
-        self.chunks[quad].linear_of(self.records[quad])
     }
 }
 
@@ -260,7 +217,7 @@ impl Inputs {
         };
         let fills: Vec<InputRowSource> = fragment.inputs().iter().map(fill).collect();
         Self {
-            common: common(&fills),
+            modes: modes(&fills),
             varyings: varyings(&fills),
             fills,
             locations,
@@ -283,7 +240,7 @@ impl Inputs {
         };
         let fills: Vec<InputRowSource> = outputs.iter().map(fill).collect();
         Self {
-            common: common(&fills),
+            modes: modes(&fills),
             varyings: varyings(&fills),
             fills,
             ..*self
@@ -301,26 +258,43 @@ impl Inputs {
         self.fills.iter().take(rows).map(slope).collect()
     }
 
-    /// The steps from which the varyings of one primitive's fragments are computed.
-    pub fn steps(&self, record: &Record, chunk: &Chunk, steps: &mut Steps) {
+    /// Adds the steps of a primitive's varyings, one for each of [`Self::varyings`]. Gives the place
+    /// of the first.
+    pub fn steps(&self, record: &Record, chunk: &Chunk, steps: &mut Vec<Steps>) -> usize {
+        let first_step = steps.len();
         let outputs = &chunk.outputs[..];
-        steps.rows.resize(self.fills.len(), [0.0; 3]);
-        let rows = &mut steps.rows[..];
-        let mut constant = 0;
-        for &(row, word) in &self.varyings {
+        steps.extend(self.varyings.iter().map(|varying| {
             let [first, second, third] = [
-                number(outputs, record.vertices[0].wrapping_add(word)),
-                number(outputs, record.vertices[1].wrapping_add(word)),
-                number(outputs, record.vertices[2].wrapping_add(word)),
+                number(outputs, record.vertices[0].wrapping_add(varying.word)),
+                number(outputs, record.vertices[1].wrapping_add(varying.word)),
+                number(outputs, record.vertices[2].wrapping_add(varying.word)),
             ];
-            let (second, third) = (second - first, third - first);
-            rows[row] = [first, second, third];
-            // A negative zero plus a positive one is a positive one.
-            let is_constant = (second == 0.0) & (third == 0.0) & (first.to_bits() != NEGATIVE_ZERO);
-            constant |= u64::from(is_constant) << (row & 63);
+            [first, second - first, third - first]
+        }));
+        first_step
+    }
+
+    /// The word of a row that is [of a primitive](InputRowSource::is_of_primitive).
+    pub(super) fn word(&self, fill: &InputRowSource, record: &Record, chunk: &Chunk) -> u32 {
+        let of = |first: u32, word: u32| {
+            let place = first.wrapping_add(word) as usize;
+            chunk.outputs.get(place).copied().unwrap_or(0)
+        };
+        match *fill {
+            InputRowSource::Constant(word) => word,
+            InputRowSource::Flat(word) => {
+                of(record.vertices[usize::from(record.provoking.min(2))], word)
+            }
+            InputRowSource::PerVertex(word, vertex) => of(record.vertices[vertex], word),
+            InputRowSource::OfPrimitive(word) => of(record.words, word),
+            InputRowSource::Front => record.front.into(),
+            InputRowSource::Layer => record.layer.into(),
+            InputRowSource::Viewport => record.viewport.into(),
+            InputRowSource::Primitive => record.primitive_id,
+            InputRowSource::View => record.view_index.into(),
+            InputRowSource::SampleLocations(axis) => self.packed[axis],
+            _ => 0,
         }
-        let is_exact = rows.len() <= 64 && is_tame(record);
-        steps.constant = if is_exact { constant } else { 0 };
     }
 }
 

@@ -39,6 +39,7 @@ mod rectangle;
 mod samples;
 mod scalar;
 mod shading;
+mod shares;
 mod small_rectangle;
 mod squares;
 #[cfg(test)]

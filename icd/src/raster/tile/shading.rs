@@ -5,18 +5,19 @@ use lanes::vector::Vector;
 use spirv_jit::Program;
 use spirv_jit::program::AlignedRow;
 
-use super::coarse::Spread;
 use super::coverage::{Block, SmallBlocks};
 use super::depth::{Plain, Tested};
-use super::inputs::{Fragments, Inputs, Steps};
+use super::filling::{InputRows, WaveFragments};
+use super::inputs::Inputs;
 use super::interpolation::{clamp, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::output::Output;
-use super::pack::{Joined, Origin, Pack};
+use super::pack::Pack;
 use super::pixels::count_lanes;
 use super::places::{Pattern, Places};
 use super::plan::{Order, Plan};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, masks_of};
+use super::shares::{Shares, record_of};
 use super::write::WaveOutputs;
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Record};
@@ -104,81 +105,32 @@ lanes::vectors! {
     }
 }
 
-/// The steps of a primitive's varyings.
-#[derive(Default)]
-struct KnownSteps {
-    origin: Option<Origin>,
-    steps: Steps,
-}
-
 lanes::vectors! {
-    /// Puts a wave's subgroups at the program's entry, with their inputs. `joined`: of the packs;
-    /// `spread`: of packs whose fragments are of several pixels.
+    /// Puts a wave's subgroups at the program's entry, with their inputs. `shares`: of the packs;
+    /// the rest of their memory is used, too.
     pub fn start<V>(
         v,
-        chunks: &[Chunk],
         program: &Program,
         inputs: &Inputs,
         output: &Output,
-        packs: &[Pack],
-        joined: &[Joined],
-        spread: &[Spread],
+        fragments: WaveFragments<'_>,
+        shares: &mut Shares,
         runner: &mut Runner,
         counts: &mut Counts,
     ) {
-        let first = program.layout().inputs;
-        // The primitives of the pack before and of this one: most of a wave is of few.
-        let mut known = [KnownSteps::default(), KnownSteps::default()];
-        let mut of_pack = 0;
-        for (index, (pack, state)) in packs.iter().zip(runner.states()).enumerate() {
+        for (pack, state) in fragments.packs.iter().zip(runner.states()) {
             let (active, covered) = (pack.active(), pack.covered());
             let helpers = LaneMask::from_bits(active & !covered);
-            let active = LaneMask::from_bits(active);
-            program.start_fragments(state, active, helpers);
+            program.start_fragments(state, LaneMask::from_bits(active), helpers);
             counts.invocations += u64::from(covered.count_ones());
-            let rows = &mut state[first..];
-            let mut fragments = fragments_of(chunks, pack);
-            match spread.get(index) {
-                Some(spread) => fragments.coverage = spread.coverage(),
-                None => output.fetch(&pack.places),
-            }
-            let (mut origin, mut lanes, mut next) = (pack.origins[0], u16::MAX, pack.joined);
-            // Constant rows, which are the same in all lanes so far.
-            let mut held = 0;
-            if !pack.is_uniform {
-                inputs.fill_mixed(v, &fragments, rows);
-                lanes = 0;
-            }
-            // One loop for both, so that filling stands in the code once.
-            loop {
-                if lanes != 0 {
-                    let is_own = lanes == u16::MAX;
-                    let mut place = 1 - of_pack;
-                    if known[of_pack].origin == Some(origin) {
-                        place = of_pack;
-                    } else if known[place].origin != Some(origin) {
-                        let it = &mut known[place];
-                        it.origin = Some(origin);
-                        inputs.steps(fragments.records[0], fragments.chunks[0], &mut it.steps);
-                    }
-                    let steps = &known[place].steps;
-                    if is_own {
-                        of_pack = place;
-                    } else if held != 0 {
-                        held &= known[of_pack].steps.shared(steps);
-                    }
-                    inputs.fill_uniform(v, &fragments, steps, (lanes, held), rows);
-                    if is_own {
-                        held = steps.constant;
-                    }
-                }
-                let Some(it) = joined.get((next as usize).wrapping_sub(1)) else {
-                    break;
-                };
-                Joined { origin, lanes, next } = *it;
-                fragments.set_origin(chunks, origin);
+            if fragments.spread.is_empty() {
+                output.fetch(&pack.places);
             }
         }
+        let (states, rows) = runner.all_states_mut();
+        let first = program.layout().inputs;
+        let mut rows = InputRows { states, rows, first };
+        inputs.fill(v, fragments, shares, &mut rows);
     }
 }
 
@@ -297,20 +249,14 @@ fn fade(fragments: &Fragments<'_>, alpha: &mut Row) {
     }
 }
 
-/// The record of a primitive, and the words of its chunk's vertices.
-#[inline(always)]
-fn record_of(chunks: &[Chunk], origin: Origin) -> (&Record, &Chunk) {
-    let chunk = &chunks[origin.chunk as usize];
-    (&chunk.records[origin.record as usize], chunk)
-}
-
-impl<'a> Fragments<'a> {
-    /// Makes them those of one primitive.
-    #[inline(always)]
-    fn set_origin(&mut self, chunks: &'a [Chunk], origin: Origin) {
-        let (record, chunk) = record_of(chunks, origin);
-        (self.records, self.chunks) = ([record; 4], [chunk; 4]);
-    }
+/// Sixteen fragments: four quads of one or several primitives.
+struct Fragments<'a> {
+    records: [&'a Record; 4],
+    /// Of each quad's record.
+    chunks: [&'a Chunk; 4],
+    /// First pixels of the quads.
+    x: &'a [i32; 4],
+    y: &'a [i32; 4],
 }
 
 /// The fragments of a subgroup.
@@ -322,8 +268,6 @@ fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
         chunks: [chunk; 4],
         x: &pack.places.x,
         y: &pack.places.y,
-        sample: &pack.sample,
-        coverage: &pack.coverage,
     };
     if !pack.is_uniform {
         for (quad, &origin) in pack.origins.iter().enumerate().skip(1) {

@@ -10,6 +10,7 @@ use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
 use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_triangle};
 use super::direct;
+use super::filling::WaveFragments;
 use super::modulate::{self, Sampled};
 use super::pack::{Found, OWN, Origin, Pack, Packs};
 use super::parts::Wave;
@@ -18,6 +19,7 @@ use super::plan::{Fragment, Order, Plan, Plans};
 use super::rectangle::Rectangle;
 use super::samples::{Counts, Location, MAX_SAMPLES, any, count, masks_of};
 use super::shading::{finish, start, test_blocks, test_small};
+use super::shares::Shares;
 use super::small_rectangle::cover_rectangle;
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape, triangle_edges};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
@@ -54,6 +56,7 @@ pub struct TileWorker {
     /// Blocks' masks before the tests.
     pub(super) coverage: Vec<[u16; MAX_SAMPLES]>,
     pub(super) packs: Packs,
+    shares: Shares,
     pub(super) gather: Gather,
 }
 
@@ -669,22 +672,20 @@ impl<'a> Visit<'a> {
             runner,
             gather,
             packs: waiting,
+            shares,
             ..
         } = &mut *self.worker;
         runner.begin(program, Subgroups::apart(packs.len()), limits)?;
         runner.set_outputs(Some(outputs));
-        start(
-            tier,
+        let inputs = kind.map_or(&fragment.inputs, |kind| &kind.inputs);
+        shares.collect(inputs, chunks, packs, &waiting.joined);
+        let fragments = WaveFragments {
             chunks,
-            program,
-            kind.map_or(&fragment.inputs, |kind| &kind.inputs),
-            &current.plan.output,
             packs,
-            &waiting.joined,
-            &gather.packs,
-            runner,
-            &mut self.counts,
-        );
+            spread: &gather.packs,
+        };
+        let (output, counts) = (&current.plan.output, &mut self.counts);
+        start(tier, program, inputs, output, fragments, shares, runner, counts);
         runner.run_seen(program, &current.draw.environment, limits, seen.as_ref())?;
         let (plan, counts) = (current.plan, &mut self.counts);
         let Some(kind) = kind else {
