@@ -9,7 +9,7 @@ use lanes::vector::{Task, Vector};
 use super::bytes::{load_bytes, store_bytes};
 use super::lanes::Row;
 use super::places::{Pattern, Places};
-use super::texels::{load, store};
+use super::texels::{load, load_sized, load_word, store, store_sized, store_word};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
 
@@ -148,6 +148,45 @@ impl Depth {
         }
     }
 
+    /// The attachment's words. Its texels have two bytes or four.
+    ///
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    unsafe fn load<V: Vector>(&self, v: V, places: &Places, sample: u32, mask: u16) -> V::I {
+        // SAFETY: the caller keeps the contract of `load`.
+        unsafe {
+            match self.coding {
+                Coding::Unorm(MOST_16) => load_sized(v, &self.target, places, sample, mask, 2)[0],
+                _ => load_word(v, &self.target, places, sample, mask),
+            }
+        }
+    }
+
+    /// Stores words of the mask's lanes.
+    ///
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    unsafe fn store<V: Vector>(
+        &self,
+        v: V,
+        places: &Places,
+        sample: u32,
+        mask: u16,
+        words: V::I,
+    ) {
+        let target = &self.target;
+        // SAFETY: the caller keeps the contract of `load`.
+        unsafe {
+            if self.coding == Coding::Unorm(MOST_16) {
+                let words = [words; 4];
+                return store_sized(v, target, places, sample, mask, &words, 2);
+            }
+            store_word(v, target, places, sample, mask, words);
+        }
+    }
+
     /// The attachment's depths as numbers to compare.
     #[inline(always)]
     fn numbers<V: Vector>(&self, v: V, words: V::I) -> V::F {
@@ -198,16 +237,13 @@ impl Plain<'_> {
     #[inline(always)]
     pub unsafe fn run<V: Vector>(self, v: V, places: &Places, new: V::F, mask: u16) -> u16 {
         let Plain(depth) = self;
-        let none = v.splat_i(0);
         // SAFETY: the caller keeps the contract of `load`, for all sixteen.
         unsafe {
-            let old = load(v, &depth.target, places, 0, mask)[0];
+            let old = depth.load(v, places, 0, mask);
             let (codes, new) = depth.codes(v, new);
             let passed = mask & compare_depths(v, depth.compare, new, depth.numbers(v, old));
             if depth.write && passed != 0 {
-                let words = v.select(passed, codes, old);
-                let words = [words, none, none, none];
-                store(v, &depth.target, places, 0, u16::MAX, &words);
+                depth.store(v, places, 0, u16::MAX, v.select(passed, codes, old));
             }
             passed
         }
@@ -280,9 +316,9 @@ impl Tests {
             return mask;
         };
         // SAFETY: the caller keeps the contract of `load`.
-        let words = unsafe { load(v, &depth.target, places, sample, mask) };
+        let words = unsafe { depth.load(v, places, sample, mask) };
         let (_, new) = depth.codes(v, depths);
-        mask & compare_depths(v, depth.compare, new, depth.numbers(v, words[0]))
+        mask & compare_depths(v, depth.compare, new, depth.numbers(v, words))
     }
 
     /// Does the tests of one sample for the lanes of a mask, with what they write. Gives the lanes
@@ -299,14 +335,13 @@ impl Tests {
         mask: u16,
     ) -> u16 {
         let places = tested.places;
-        let none = v.splat_i(0);
         let mut mask = mask;
         let mut near = u16::MAX;
         let mut written = None;
         if let Some(depth) = &self.depth {
             // SAFETY: the caller keeps the contract of `load`, for both attachments.
-            let words = unsafe { load(v, &depth.target, places, sample, mask) };
-            let old = depth.numbers(v, words[0]);
+            let words = unsafe { depth.load(v, places, sample, mask) };
+            let old = depth.numbers(v, words);
             if let Some(bounds) = depth.bounds {
                 mask &= depth.in_bounds(v, old, bounds);
             }
@@ -333,9 +368,8 @@ impl Tests {
             passed = unsafe { v.apart(task) };
         }
         if let Some((depth, codes)) = written.filter(|_| passed != 0) {
-            let words = [codes, none, none, none];
             // SAFETY: the caller keeps the contract of `load`, for both attachments.
-            unsafe { store(v, &depth.target, places, sample, passed, &words) };
+            unsafe { depth.store(v, places, sample, passed, codes) };
         }
         passed
     }

@@ -350,7 +350,7 @@ pub unsafe fn store_sized<V: Vector>(
         if size == 8 && places.pattern == Pattern::Block {
             let [mut first, mut second, ..] = *words;
             if mask != u16::MAX {
-                let old = load(v, target, places, sample, mask);
+                let old = load_sized(v, target, places, sample, mask, size);
                 first = v.select(mask, first, old[0]);
                 second = v.select(mask, second, old[1]);
             }
@@ -361,7 +361,8 @@ pub unsafe fn store_sized<V: Vector>(
         if size == 2 && places.pattern == Pattern::Block {
             let mut new = words[0];
             if mask != u16::MAX {
-                new = v.select(mask, new, load(v, target, places, sample, mask)[0]);
+                let old = load_sized(v, target, places, sample, mask, size)[0];
+                new = v.select(mask, new, old);
             }
             let stride = target.surface.row_stride_bytes as usize;
             return v.store_quads_of_shorts(new, quad(target, places, 0, sample), stride);

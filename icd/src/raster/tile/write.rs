@@ -64,12 +64,21 @@ impl<'a> Component<'a> {
 
 /// A way to code texels, as a type.
 trait Code<V: Vector>: Copy {
+    /// Components of a texel.
+    const COMPONENTS: usize = 4;
+
     fn size_bytes(self) -> usize;
 
     /// Whether texels have a component. Others are neither loaded nor blended.
-    fn has(self, component: usize) -> bool;
+    #[inline(always)]
+    fn has(self, component: usize) -> bool {
+        component < Self::COMPONENTS
+    }
 
-    fn range(self) -> Range;
+    #[inline(always)]
+    fn range(self) -> Range {
+        Range::All
+    }
 
     fn decode(self, v: V, texels: &[V::I; 4]) -> [V::F; 4];
 
@@ -106,11 +115,6 @@ impl<V: Vector, const SWAPPED: bool> Code<V> for Bytes<SWAPPED> {
     #[inline(always)]
     fn size_bytes(self) -> usize {
         4
-    }
-
-    #[inline(always)]
-    fn has(self, _: usize) -> bool {
-        true
     }
 
     #[inline(always)]
@@ -153,19 +157,11 @@ fn to_halves<V: Vector>(v: V, low: V::F, high: Option<V::F>) -> V::I {
 }
 
 impl<V: Vector, const COUNT: usize> Code<V> for Halves<COUNT> {
+    const COMPONENTS: usize = COUNT;
+
     #[inline(always)]
     fn size_bytes(self) -> usize {
         2 * COUNT
-    }
-
-    #[inline(always)]
-    fn has(self, component: usize) -> bool {
-        component < COUNT
-    }
-
-    #[inline(always)]
-    fn range(self) -> Range {
-        Range::All
     }
 
     #[inline(always)]
@@ -200,19 +196,11 @@ impl<V: Vector, const COUNT: usize> Code<V> for Halves<COUNT> {
 struct Words<const COUNT: usize>;
 
 impl<V: Vector, const COUNT: usize> Code<V> for Words<COUNT> {
+    const COMPONENTS: usize = COUNT;
+
     #[inline(always)]
     fn size_bytes(self) -> usize {
         4 * COUNT
-    }
-
-    #[inline(always)]
-    fn has(self, component: usize) -> bool {
-        component < COUNT
-    }
-
-    #[inline(always)]
-    fn range(self) -> Range {
-        Range::All
     }
 
     #[inline(always)]
