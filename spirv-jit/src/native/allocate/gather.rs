@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 use super::private::own;
 use super::words::first_word;
 use super::*;
-use crate::native::encode::{GREATER, NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD};
+use crate::native::encode::{GREATER, NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD, ZERO};
 use crate::native::opcodes::*;
 use crate::native::{LoopContext, Own, WORKGROUP};
 
@@ -32,7 +32,11 @@ fn find_run(
             a.vector(PCMPEQD, (to, to, steps), 0, None);
             a.vector(TESTPS, (to, 0, Operand::Register(lanes)), 0, None);
             apart.push(a.jump_ahead(NOT_CARRY));
-            if distance != 4 {
+            if distance == 4 {
+                // Without a lane the place may be any, and processors are slow to find out that
+                // memory is missing there.
+                apart.push(a.jump_ahead(ZERO));
+            } else {
                 // Words of lanes that have none are loaded, too.
                 all_lanes(a, lanes);
                 apart.push(a.jump_ahead(NOT_ZERO));
@@ -40,6 +44,8 @@ fn find_run(
             first_word(a, index);
         }
         (Encoding::Evex, Operand::Register(steps)) => {
+            a.mask(KORTESTW, (lanes, 0, Operand::Register(lanes)), false, None);
+            apart.push(a.jump_ahead(ZERO));
             apart.push(first_of_run(a, to, [index, lanes], steps));
         }
         (Encoding::Evex, Operand::Memory(_)) => unreachable!("in a register"),
