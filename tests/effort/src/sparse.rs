@@ -9,10 +9,17 @@ pub struct Sparse {
 impl Sparse {
     /// Reserves addresses.
     pub fn new(size_bytes: u64) -> Self {
+        let found = Self::if_promised(size_bytes);
+        found.unwrap_or_else(|| panic!("{size_bytes} bytes of addresses"))
+    }
+
+    /// Reserves addresses; none where the system must promise memory for all of them, and has not
+    /// as much: only Windows does.
+    pub fn if_promised(size_bytes: u64) -> Option<Self> {
         let size_bytes = usize::try_from(size_bytes).expect("addresses have 64 bits");
         let start = map(size_bytes);
-        assert!(!start.is_null(), "{size_bytes} bytes of addresses");
-        Self { start, size_bytes }
+        assert!(cfg!(windows) || !start.is_null(), "{size_bytes} bytes");
+        (!start.is_null()).then_some(Self { start, size_bytes })
     }
 
     pub fn as_mut_ptr(&self) -> *mut u8 {

@@ -4,6 +4,9 @@
 #![deny(unsafe_code)]
 
 pub mod bounds;
+#[cfg(windows)]
+#[allow(unsafe_code)]
+mod fused;
 pub mod halves;
 mod mask;
 #[allow(unsafe_code)]

@@ -32,9 +32,10 @@ pub fn page_bytes() -> u64 {
     GRANULE
 }
 
-/// The number of mappings that the process may have, which only memory limits.
+/// The number of mappings that the process is expected to have: only memory limits it here, so it
+/// is the usual limit of Linux.
 pub fn max_mappings() -> u32 {
-    1 << 20
+    1 << 16
 }
 
 /// The content of a piece.

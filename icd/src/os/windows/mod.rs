@@ -1,7 +1,6 @@
 //! Windows 10, version 1803, and later.
 
 pub mod address_space;
-mod arithmetic;
 pub mod clock;
 pub mod event;
 pub mod executable;

@@ -1,6 +1,7 @@
 //! C's fused multiplication and addition, by which `mul_add` is compiled for processors without the
 //! instruction. MinGW's `fmaf` rounds twice; these round once, as C's standard has it. The linker
-//! takes them before those of a library.
+//! takes them before those of a library. They are in this crate because all that compute depend on
+//! it, their tests too.
 
 /// `a × b + c`, rounded once.
 #[unsafe(no_mangle)]
