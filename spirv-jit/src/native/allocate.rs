@@ -14,6 +14,7 @@ mod words;
 
 pub(super) use carry::{Alike, Carried, Outside, Turn, allocate_turn};
 pub(super) use exit::{Exit, Left};
+pub(super) use gather::{blocks, choice};
 #[cfg(test)]
 pub(super) use words::{broadcast_word, first_word};
 
@@ -65,13 +66,12 @@ pub(super) enum Form {
     OfLanes,
     /// Loads words at the places that the first operand says, in lanes of the second, which is used
     /// no more; zeros elsewhere. The immediate is the region's number. With a third operand,
-    /// multiples of a distance, words that have this distance are loaded without a gather; with
-    /// AVX-512 only words that lie one behind another. With AVX2 the same word of all lanes is
-    /// loaded at once.
-    Gather(u32),
+    /// multiples of a distance, words that have this distance are loaded without a gather. With
+    /// AVX2 the same word of all lanes is loaded at once.
+    Gather(Spread),
     /// Loads up to four words that lie one behind another, the first one at the places that the
     /// first operand says, in lanes of the second; zeros elsewhere. The third operand is the
-    /// constant four. The immediate is the region's number. AVX2 only.
+    /// constant four. The immediate is the region's number.
     LoadFours,
     /// In all lanes the first of words that lie from `first` to `last` bytes behind the place that
     /// the operand's first lane says; zero if that is outside. The immediate is the region's
@@ -91,7 +91,7 @@ pub(super) enum Form {
     OfBits,
     /// In each lane the number of the first lane of two halves' conditions. AVX2 only.
     OfFirst,
-    /// In all lanes `op` of all lanes of two halves, one after another. AVX2 only.
+    /// In all lanes `op` of all lanes of a register, or of two halves, one after another.
     InOrder,
     /// Loads a private row, of this number or that of the operand's first lane.
     LoadRow(Option<u32>),
@@ -100,19 +100,30 @@ pub(super) enum Form {
     StoreRow(Option<u32>),
     /// Stores the third operand at the places that the first operand says, in lanes of the second.
     /// The immediate is the region's number, the form's the constant of lanes' distances where
-    /// words may lie one behind another. The result's register is scratch. AVX2 only.
+    /// words may lie one behind another. The result's register is scratch; AVX-512 clears the
+    /// second operand.
     Scatter(Option<u32>),
     /// As [`Form::Gather`], at places from the first private row on.
     GatherRows,
-    /// Stores the third operand, in lanes of the second, at such places.
+    /// Stores the third operand, in lanes of the second, at such places. The result's register is
+    /// scratch.
     ScatterRows,
     /// Stores the second operand, in lanes of the first, to the result's place in memory; the
     /// result's register is scratch.
     Leave,
-    /// All lanes leave the loop where the operand is `when`. AVX2 only.
+    /// All lanes leave the loop where the operand is `when`.
     Exit { index: usize, when: bool },
     /// Behind [`Form::Exit`]: that one reads the operands.
     Hold,
+}
+
+/// How words lie that may be loaded without a gather.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Spread {
+    /// Bytes between the words of neighbouring lanes.
+    pub distance: u32,
+    /// Numbers of the constants that choose lanes' words of vectors: see [`blocks`]. AVX-512 only.
+    pub first_choice: u32,
 }
 
 impl Form {
@@ -329,7 +340,7 @@ impl<'a> Allocation<'a> {
             },
             Form::Blend => 1,
             Form::Zeroing => 2,
-            Form::Gather(_) if step.count == 3 && self.assembler.encoding == Encoding::Vex => 2,
+            Form::Gather(_) if step.count == 3 => 2,
             _ => usize::MAX,
         };
         let memory = (memory != usize::MAX && in_memory(self, memory)).then_some(memory);
@@ -431,14 +442,14 @@ impl<'a> Allocation<'a> {
                 self.bits(to, &lanes[..step.count]);
             }
             Form::OfFirst => self.first_lane(to, [register(a), register(b)]),
-            Form::Gather(distance) => {
-                let steps = (step.count == 3).then_some((distance, c));
+            Form::Gather(spread) => {
+                let steps = (step.count == 3).then_some((spread, c));
                 return self.gather(step, to, [register(a), register(b)], steps);
             }
             Form::Scatter(steps) => {
                 return self.scatter(step, to, operands.map(register), steps.map(Memory::Pool));
             }
-            Form::InOrder => return self.in_order(step.op, to, [register(a), register(b)]),
+            Form::InOrder => return self.in_order(step, to, [a, b].map(register)),
             Form::LoadOne { first, last } => {
                 return self.load_one(step, to, register(a), [first, last]);
             }
@@ -446,7 +457,7 @@ impl<'a> Allocation<'a> {
             Form::LoadRow(row) => self.load_row(step, to, row, register(a)),
             Form::StoreRow(row) => self.store_row(step, (to, row), operands.map(register)),
             Form::GatherRows => self.gather_rows(step, to, [a, b].map(register)),
-            Form::ScatterRows => return self.scatter_rows(step, operands.map(register)),
+            Form::ScatterRows => return self.scatter_rows(step, to, operands.map(register)),
             Form::Leave => self.leave(step, to, register(a), register(b)),
             Form::MultiplyAdd | Form::LoadFours | Form::Exit { .. } | Form::Hold => {
                 unreachable!("has its own function")
@@ -630,9 +641,9 @@ impl<'a> Allocation<'a> {
     }
 
     /// A value for no longer than a step.
-    fn temporary(&mut self) -> Virtual {
+    fn temporary(&mut self, class: Class) -> Virtual {
         self.values.push(Info {
-            class: Class::Vector,
+            class,
             home: None,
             is_home: false,
             keep: false,

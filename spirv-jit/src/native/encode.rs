@@ -151,7 +151,7 @@ impl Assembler {
     ) {
         match self.encoding {
             Encoding::Vex => self.vex(op, (reg, second, rm), true, immediate),
-            Encoding::Evex => self.evex(op, (reg, second, rm), mask, immediate),
+            Encoding::Evex => self.evex(op, (reg, second, rm), (mask, 64), immediate),
         }
     }
 
@@ -164,6 +164,15 @@ impl Assembler {
         immediate: Option<u8>,
     ) {
         self.vex(op, (reg, second, rm), long, immediate);
+    }
+
+    /// An instruction on first lanes alone, one of which is in memory.
+    pub fn first_lane(&mut self, op: Opcode, (reg, second): (Register, Register), rm: Memory) {
+        let operands = (reg, second, Operand::Memory(rm));
+        match self.encoding {
+            Encoding::Vex => self.vex(op, operands, false, None),
+            Encoding::Evex => self.evex(op, operands, (0, 4), None),
+        }
     }
 
     /// `reg = op` of words at `rbx` plus the lanes of `index`, in lanes of `mask`, which is
@@ -190,6 +199,21 @@ impl Assembler {
             .extend([(reg & 7) << 3 | 4, (index & 7) << 3 | 3]);
     }
 
+    /// Stores one of the first four lanes of `from`, by `op` with its immediate, at `r13` plus a
+    /// general register. AVX2 only.
+    pub fn store_lane(&mut self, op: Opcode, from: Register, index: Register, lane: Option<u8>) {
+        self.bytes.extend([
+            0xc4,
+            not_if(from >= 8) << 7 | not_if(index >= 8) << 6 | op.map,
+            15 << 3 | op.prefix,
+            op.byte,
+        ]);
+        // An index, a displacement of one byte; base 5 is `r13`.
+        let (reg, index) = (from & 7, index & 7);
+        self.bytes.extend([0x44 | reg << 3, index << 3 | 5, 0]);
+        self.bytes.extend(lane);
+    }
+
     fn vex(
         &mut self,
         op: Opcode,
@@ -211,7 +235,7 @@ impl Assembler {
         &mut self,
         op: Opcode,
         (reg, second, rm): (Register, Register, Operand),
-        mask: u8,
+        (mask, scale): (u8, i32),
         immediate: Option<u8>,
     ) {
         let index = match rm {
@@ -230,7 +254,7 @@ impl Assembler {
             0b10 << 5 | not_if(second & 16 != 0) << 3 | mask,
             op.byte,
         ]);
-        self.operand(reg & 7, rm, 64, immediate);
+        self.operand(reg & 7, rm, scale, immediate);
     }
 
     /// The bytes behind the opcode; short displacements count units of `scale` bytes.

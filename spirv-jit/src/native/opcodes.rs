@@ -79,6 +79,8 @@ pub(super) const EXTRACT_HALF: Opcode = opcode(F3A, X66, 1, 0x3b);
 pub(super) const INSERT_HALF: Opcode = opcode(F3A, X66, 1, 0x3a);
 pub(super) const EXTRACT_128: Opcode = opcode(F3A, X66, 0, 0x39);
 pub(super) const INSERT_128: Opcode = opcode(F3A, X66, 0, 0x38);
+/// The same 128 bits in each quarter, from memory; AVX-512.
+pub(super) const BROADCAST_128: Opcode = opcode(F38, X66, 0, 0x5a);
 /// A word into one of the first four lanes.
 pub(super) const PINSRD: Opcode = opcode(F3A, X66, 0, 0x22);
 /// Of first lanes alone.
@@ -87,8 +89,8 @@ pub(super) const ADDSS: Opcode = opcode(F, XF3, 0, 0x58);
 pub(super) const MULSS: Opcode = opcode(F, XF3, 0, 0x59);
 pub(super) const UNPCKLPS: Opcode = opcode(F, NONE, 0, 0x14);
 pub(super) const UNPCKHPS: Opcode = opcode(F, NONE, 0, 0x15);
-pub(super) const UNPCKLPD: Opcode = opcode(F, X66, 0, 0x14);
-pub(super) const UNPCKHPD: Opcode = opcode(F, X66, 0, 0x15);
+pub(super) const UNPCKLPD: Opcode = opcode(F, X66, 1, 0x14);
+pub(super) const UNPCKHPD: Opcode = opcode(F, X66, 1, 0x15);
 /// Whether the operands have bits in common, and whether the second has some besides.
 pub(super) const PTEST: Opcode = opcode(F38, X66, 0, 0x17);
 pub(super) const PACKUSDW: Opcode = opcode(F38, X66, 0, 0x2b);
@@ -117,6 +119,8 @@ pub(super) const PSCATTERDD: Opcode = opcode(F38, X66, 0, 0xa0);
 pub(super) const KADD: Opcode = opcode(F, NONE, 0, 0x4a);
 /// Lanes that the first operand numbers, of the second.
 pub(super) const PERMD: Opcode = opcode(F38, X66, 0, 0x36);
+/// Lanes of the first and the third operand that the second numbers; AVX-512.
+pub(super) const PERMT2D: Opcode = opcode(F38, X66, 0, 0x7e);
 /// Within each four words, as the immediate says.
 pub(super) const PSHUFD: Opcode = opcode(F, X66, 0, 0x70);
 /// Quarters of both operands, as the immediate says.
@@ -148,6 +152,11 @@ pub(super) const MASKMOVPS: Opcode = opcode(F38, X66, 0, 0x2c);
 /// From a general register to the first lane, and back.
 pub(super) const MOVD_IN: Opcode = opcode(F, X66, 0, 0x6e);
 pub(super) const MOVD_OUT: Opcode = opcode(F, X66, 0, 0x7e);
+/// The first two lanes to a general register of 64 bits.
+pub(super) const MOVQ_OUT: Opcode = opcode(F, X66, 1, 0x7e);
+/// The same of any two lanes of the first four, and one lane to a register of 32 bits.
+pub(super) const PEXTRQ: Opcode = opcode(F3A, X66, 1, 0x16);
+pub(super) const PEXTRD: Opcode = opcode(F3A, X66, 0, 0x16);
 pub(super) const PBROADCASTQ_VEX: Opcode = opcode(F38, X66, 0, 0x59);
 pub(super) const PBROADCASTQ: Opcode = opcode(F38, X66, 1, 0x59);
 pub(super) const POPCNTD: Opcode = opcode(F38, X66, 0, 0x55);

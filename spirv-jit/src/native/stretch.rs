@@ -394,6 +394,19 @@ impl Stretch {
         index as u32
     }
 
+    /// The number of the first of constants that follow one another behind the code.
+    fn neighbours(&mut self, constants: Vec<Constant>) -> u32 {
+        if constants.is_empty() {
+            return 0;
+        }
+        let known = (self.pool.windows(constants.len())).position(|other| *other == constants);
+        let first = known.unwrap_or(self.pool.len());
+        if known.is_none() {
+            self.pool.extend(constants);
+        }
+        first as u32
+    }
+
     fn and(&mut self, a: Virtual, word: u32) -> Virtual {
         let word = self.words(word);
         self.commutative(PAND, a, word)

@@ -200,12 +200,12 @@ impl<'m> Emitter<'m> {
         };
         let encoding = self.native.as_ref()?.encoding();
         let is_uniform = |value| self.operand(value).is_uniform();
-        let shared = match encoding {
-            Encoding::Vex if subgroups > 1 => {
+        let shared = match subgroups {
+            1 => HashSet::default(),
+            _ => {
                 let loads = !stores_words(body);
                 alike(node, Extent::Together { loads }, is_uniform)
             }
-            _ => HashSet::default(),
         };
         let alike = alike(node, Extent::Subgroup, is_uniform);
         let (params, indices): (Vec<IrOperand>, Vec<usize>) = (params.iter().enumerate())

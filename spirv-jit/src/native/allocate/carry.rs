@@ -119,7 +119,7 @@ pub(in crate::native) fn allocate_turn(
         let value = &mut carried[k];
         value.home = a.values[value.before as usize].home;
         let is_lanes = value.lanes.is_some();
-        if is_lanes && is_unused(value, &uses, a.assembler.encoding) {
+        if is_lanes && is_unused(value, &uses) {
             continue;
         }
         let free = match a.values[value.before as usize].class {
@@ -172,8 +172,8 @@ pub(in crate::native) fn allocate_turn(
 }
 
 /// Whether lanes stay the same from turn to turn and no step takes them. `uses`: by value.
-fn is_unused(lanes: &Carried, uses: &[u32], encoding: Encoding) -> bool {
-    lanes.before == lanes.after && uses[lanes.before as usize] == 0 && encoding == Encoding::Vex
+fn is_unused(lanes: &Carried, uses: &[u32]) -> bool {
+    lanes.before == lanes.after && uses[lanes.before as usize] == 0
 }
 
 /// The scalar of the first lane that is in the loop, in all lanes of a register.
@@ -362,22 +362,22 @@ impl Allocation<'_> {
         broadcast_word(a, to);
     }
 
-    /// Combines the first lanes of a register with all other lanes of two halves.
+    /// Combines the first lanes of a register with all other lanes of that, or of two halves.
     pub(super) fn in_order(
         &mut self,
-        op: Opcode,
+        step: &Step,
         to: Register,
-        halves: [Register; 2],
+        all: [Register; 2],
     ) -> Result<(), TooManyLive> {
         let aside = self.aside()?;
         let a = &mut *self.assembler;
-        let memory = |at| Operand::Memory(Memory::At(Base::Stack, at));
-        for (half, at) in halves.into_iter().zip(aside) {
-            a.vector(STORE, (half, 0, memory(at)), 0, None);
+        let memory = |at| Memory::At(Base::Stack, at);
+        for (&register, at) in all[..step.count].iter().zip(aside) {
+            a.vector(STORE, (register, 0, Operand::Memory(memory(at))), 0, None);
         }
-        a.mask(MOVSS, (to, 0, memory(aside[0])), false, None);
+        a.first_lane(MOVSS, (to, 0), memory(aside[0]));
         for lane in 1..SUBGROUP_SIZE as i32 {
-            a.mask(op, (to, to, memory(aside[0] + 4 * lane)), false, None);
+            a.first_lane(step.op, (to, to), memory(aside[0] + 4 * lane));
         }
         a.vector(PBROADCASTD, (to, 0, Operand::Register(to)), 0, None);
         Ok(())

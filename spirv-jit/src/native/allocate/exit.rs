@@ -15,8 +15,8 @@ pub(in crate::native) struct Left {
     pub mask: i32,
     /// These lanes as a condition, unless they are those that came to the loop.
     pub lanes: Option<Virtual>,
-    /// The lower or the upper four lanes of a half, where they have 64 bits.
-    pub quarter: Option<usize>,
+    /// The lower or the upper lanes of a register, where they have 64 bits.
+    pub part: Option<usize>,
 }
 
 /// A place in a turn where all lanes leave at once, and their values.
@@ -25,11 +25,10 @@ pub(in crate::native) struct Exit {
     pub left: Vec<Left>,
 }
 
-/// Registers that code behind a jump out of the loop may overwrite.
+/// Vector registers that code behind a jump out of the loop may overwrite, with AVX2.
 struct Scratch {
     mask: Register,
-    quarter: Register,
-    old: Register,
+    part: Register,
 }
 
 impl Scratch {
@@ -42,7 +41,7 @@ impl Scratch {
         own: (Option<Operand>, bool),
         bits: Memory,
     ) -> Register {
-        let &Scratch { mask, quarter, .. } = self;
+        let &Scratch { mask, part, .. } = self;
         let lanes = match own {
             (Some(Operand::Register(lanes)), _) => lanes,
             (_, true) => mask,
@@ -55,17 +54,17 @@ impl Scratch {
                 mask
             }
         };
-        match left.quarter {
+        match left.part {
             None => lanes,
             Some(0) => {
-                a.vector(PMOVSXDQ, (quarter, 0, Operand::Register(lanes)), 0, None);
-                quarter
+                a.vector(PMOVSXDQ, (part, 0, Operand::Register(lanes)), 0, None);
+                part
             }
             Some(_) => {
-                let upper = Operand::Register(quarter);
+                let upper = Operand::Register(part);
                 a.vector(EXTRACT_128, (lanes, 0, upper), 0, Some(1));
-                a.vector(PMOVSXDQ, (quarter, 0, upper), 0, None);
-                quarter
+                a.vector(PMOVSXDQ, (part, 0, upper), 0, None);
+                part
             }
         }
     }
@@ -73,7 +72,7 @@ impl Scratch {
 
 impl Allocation<'_> {
     /// Leaves the loop where a condition of all lanes is `when`. Code behind the jump may overwrite
-    /// all registers but those of values that it writes.
+    /// all registers, except those of values that it writes.
     pub(super) fn exit(
         &mut self,
         step: &Step,
@@ -84,47 +83,75 @@ impl Allocation<'_> {
         let tested = self.bring(condition, &[condition])?;
         let outside = self.outside.ok_or(TooManyLive)?;
         let left = &outside.exits[index].left;
-        let register = |value: Virtual| self.registers[value as usize];
-        let is_read = |r: &Register| {
-            left.iter().any(|left| {
-                let values = [Some(left.value), left.lanes];
-                values
-                    .into_iter()
-                    .flatten()
-                    .any(|v| register(v) == Some(*r))
+        let a = &mut *self.assembler;
+        let operands = (tested, 0, Operand::Register(tested));
+        match a.encoding {
+            Encoding::Vex => a.vector(step.op, operands, 0, None),
+            Encoding::Evex => a.mask(step.op, operands, false, None),
+        }
+        let stay = a.jump_ahead(if when { ZERO } else { NOT_ZERO });
+        match a.encoding {
+            Encoding::Vex => self.take_along(left, outside.bits)?,
+            Encoding::Evex => self.take_along_by_masks(left, outside.bits)?,
+        }
+        let a = &mut *self.assembler;
+        self.exits.push(a.jump());
+        a.land(stay);
+        self.next[condition as usize] = after[0];
+        if after[0] == NEVER {
+            self.release(condition);
+        }
+        Ok(())
+    }
+
+    /// Registers of a class that hold none of the values that lanes take along, nor their lanes.
+    fn unread<const N: usize>(
+        &self,
+        left: &[Left],
+        class: Class,
+        mut all: std::ops::Range<Register>,
+    ) -> Result<[Register; N], TooManyLive> {
+        let is_read = |r: Register| {
+            let values = left.iter().flat_map(|left| [Some(left.value), left.lanes]);
+            values.flatten().any(|value| {
+                self.values[value as usize].class == class
+                    && self.registers[value as usize] == Some(r)
             })
         };
-        let mut free = (0..16).filter(|r| !is_read(r));
-        let mut take = || free.next().ok_or(TooManyLive);
-        let scratch = Scratch {
-            mask: take()?,
-            quarter: take()?,
-            old: take()?,
-        };
-        let old = scratch.old;
-        let place = |value: Virtual| match register(value) {
-            Some(register) => Ok(Operand::Register(register)),
-            None => {
-                let info = &self.values[value as usize];
-                let home = info.home.filter(|_| info.is_home).ok_or(TooManyLive)?;
-                // That one is written here.
-                let is_written = |left: &Left| left.row == home && left.value != value;
-                match left.iter().any(is_written) {
-                    true => Err(TooManyLive),
-                    false => Ok(Operand::Memory(home)),
-                }
-            }
-        };
-        let a = &mut *self.assembler;
-        a.vector(TESTPS, (tested, 0, Operand::Register(tested)), 0, None);
-        let stay = a.jump_ahead(if when { ZERO } else { NOT_ZERO });
+        let mut unread = [0; N];
+        for register in &mut unread {
+            *register = all.find(|&r| !is_read(r)).ok_or(TooManyLive)?;
+        }
+        Ok(unread)
+    }
+
+    /// Where a value is that lanes take along.
+    fn found(&self, left: &[Left], value: Virtual) -> Result<Operand, TooManyLive> {
+        if let Some(register) = self.registers[value as usize] {
+            return Ok(Operand::Register(register));
+        }
+        let info = &self.values[value as usize];
+        let home = info.home.filter(|_| info.is_home).ok_or(TooManyLive)?;
+        // That one is written here.
+        let is_written = |left: &Left| left.row == home && left.value != value;
+        match left.iter().any(is_written) {
+            true => Err(TooManyLive),
+            false => Ok(Operand::Memory(home)),
+        }
+    }
+
+    /// Writes the values that lanes take along, with AVX2.
+    fn take_along(&mut self, all: &[Left], bits: Memory) -> Result<(), TooManyLive> {
+        let [mask, part, old] = self.unread(all, Class::Vector, 0..16)?;
+        let scratch = Scratch { mask, part };
         let mut current = None;
-        for left in left {
-            let own = left.lanes.map(place).transpose()?;
-            let lanes = scratch.lanes(a, left, (own, current == Some(left.mask)), outside.bits);
+        for left in all {
+            let own = left.lanes.map(|lanes| self.found(all, lanes)).transpose()?;
+            let new = self.found(all, left.value)?;
+            let a = &mut *self.assembler;
+            let lanes = scratch.lanes(a, left, (own, current == Some(left.mask)), bits);
             current = Some(left.mask);
             let row = Operand::Memory(left.row);
-            let new = place(left.value)?;
             if matches!(new, Operand::Memory(home) if home == left.row) {
                 continue;
             }
@@ -132,11 +159,56 @@ impl Allocation<'_> {
             a.vector(BLENDVPS, (old, old, new), 0, Some(lanes << 4));
             a.vector(STORE, (old, 0, row), 0, None);
         }
-        self.exits.push(a.jump());
-        a.land(stay);
-        self.next[condition as usize] = after[0];
-        if after[0] == NEVER {
-            self.release(condition);
+        Ok(())
+    }
+
+    /// Writes the values that lanes take along, with AVX-512.
+    fn take_along_by_masks(&mut self, all: &[Left], bits: Memory) -> Result<(), TooManyLive> {
+        // `k0` means no mask.
+        let [mask, part] = self.unread(all, Class::Mask, 1..8)?;
+        let scratch = Operand::Register(SCRATCH);
+        let mut current = None;
+        for left in all {
+            let own = left.lanes.map(|lanes| self.found(all, lanes)).transpose()?;
+            let new = self.found(all, left.value)?;
+            let is_mask = self.values[left.value as usize].class == Class::Mask;
+            let a = &mut *self.assembler;
+            let lanes = match own {
+                Some(Operand::Register(lanes)) => lanes,
+                _ if current == Some(left.mask) => mask,
+                Some(memory) => {
+                    a.vector(LOAD, (SCRATCH, 0, memory), 0, None);
+                    a.vector(VECTOR_TO_MASK, (mask, 0, scratch), 0, None);
+                    mask
+                }
+                None => {
+                    enter(a, mask, left.mask, bits);
+                    mask
+                }
+            };
+            current = Some(left.mask);
+            let row = Operand::Memory(left.row);
+            let from = match new {
+                Operand::Memory(home) if home == left.row => continue,
+                Operand::Memory(_) => {
+                    a.vector(LOAD, (SCRATCH, 0, new), 0, None);
+                    SCRATCH
+                }
+                Operand::Register(_) if is_mask => {
+                    a.vector(MASK_TO_VECTOR, (SCRATCH, 0, new), 0, None);
+                    SCRATCH
+                }
+                Operand::Register(register) => register,
+            };
+            match left.part {
+                None => a.vector(STORE, (from, 0, row), lanes, None),
+                Some(0) => a.vector(STORE_WIDE, (from, 0, row), lanes, None),
+                Some(_) => {
+                    let lanes = Operand::Register(lanes);
+                    a.mask(KSHIFTRW, (part, 0, lanes), false, Some(8));
+                    a.vector(STORE_WIDE, (from, 0, row), part, None);
+                }
+            }
         }
         Ok(())
     }

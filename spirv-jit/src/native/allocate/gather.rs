@@ -5,16 +5,42 @@ use smallvec::SmallVec;
 use super::private::own;
 use super::words::first_word;
 use super::*;
+use crate::SUBGROUP_SIZE;
 use crate::native::encode::{GREATER, NOT_CARRY, NOT_ZERO, OVERFLOW, SCRATCH_WORD, ZERO};
 use crate::native::opcodes::*;
 use crate::native::{LoopContext, Own, WORKGROUP};
 
-/// A comparison of [`PCMPD`].
+/// Comparisons of [`PCMPD`].
 const NOT_EQUAL: u8 = 4;
+const LESS_OR_EQUAL: u8 = 2;
 
 /// Bytes from the first lane's word to the last one's, where lanes' words have this distance.
 fn to_last(encoding: Encoding, distance: u32) -> u32 {
     (encoding.vector_bytes() as u32 / 4 - 1) * distance
+}
+
+/// Where vectors begin that have the words of all lanes: so many words behind the first lane's, at
+/// a distance of so many bytes. None reaches further than the last lane's word.
+pub(in crate::native) fn blocks(distance: u32) -> impl Iterator<Item = u32> {
+    const WORDS: u32 = SUBGROUP_SIZE as u32;
+    let last = (WORDS - 1) * (distance / 4);
+    (0..=last / WORDS).map(move |block| (block * WORDS).min(last + 1 - WORDS))
+}
+
+/// Which words of two vectors lanes take: of the ones before, which are in the lanes' places from
+/// the second on, and of a block.
+pub(in crate::native) fn choice(distance: u32, block: usize) -> [u32; SUBGROUP_SIZE] {
+    const WORDS: u32 = SUBGROUP_SIZE as u32;
+    std::array::from_fn(|lane| {
+        let word = distance / 4 * lane as u32;
+        let own = blocks(distance).position(|start| (start..start + WORDS).contains(&word));
+        let start = blocks(distance).nth(block).unwrap_or(0);
+        match own {
+            Some(own) if own == block => WORDS + word - start,
+            Some(0) if block == 1 => word,
+            _ => lane as u32,
+        }
+    })
 }
 
 /// Puts the last lane's place into `rbx` where lanes' places have a distance. Jumps where they have
@@ -43,12 +69,12 @@ fn find_run(
             }
             first_word(a, index);
         }
-        (Encoding::Evex, Operand::Register(steps)) => {
+        (Encoding::Evex, steps) => {
+            // As with AVX2.
             a.mask(KORTESTW, (lanes, 0, Operand::Register(lanes)), false, None);
-            apart.push(a.jump_ahead(ZERO));
+            apart.push(a.jump_ahead(if distance == 4 { ZERO } else { NOT_CARRY }));
             apart.push(first_of_run(a, to, [index, lanes], steps));
         }
-        (Encoding::Evex, Operand::Memory(_)) => unreachable!("in a register"),
     }
     // add ebx, the distance to the last lane's word
     a.bytes.extend([0x81, 0xc3]);
@@ -69,16 +95,16 @@ fn all_lanes(a: &mut Assembler, lanes: Register) {
 }
 
 /// Puts the place of a run's first word into `ebx`, and jumps where lanes' words lie otherwise.
-fn first_of_run(
+pub(super) fn first_of_run(
     a: &mut Assembler,
     to: Register,
     [index, lanes]: [Register; 2],
-    steps: Register,
+    steps: Operand,
 ) -> usize {
     /// No mask for instructions, but they write it.
     const DIFFERENT: Register = 0;
     let register = Operand::Register;
-    a.vector(PSUBD, (to, index, register(steps)), 0, None);
+    a.vector(PSUBD, (to, index, steps), 0, None);
     a.vector(PBROADCASTD, (SCRATCH, 0, register(to)), 0, None);
     a.vector(
         PCMPD,
@@ -177,6 +203,26 @@ fn stored_address(a: &mut Assembler, at: i32) {
     a.bytes.extend([0x4c, 0x01, 0xeb]);
 }
 
+/// The four words of lanes, one lane in each quarter of `x`, `second`, `y` and `fourth`, become
+/// registers of one word of each lane: `first` to `fourth`.
+fn lanes_of_words(
+    a: &mut Assembler,
+    [first, second, third, fourth]: [Register; 4],
+    [x, y]: [Register; 2],
+) {
+    let mut mix = |op, to, from: Register, other| {
+        a.vector(op, (to, from, Operand::Register(other)), 0, None);
+    };
+    mix(UNPCKLPS, first, x, second);
+    mix(UNPCKHPS, x, x, second);
+    mix(UNPCKLPS, third, y, fourth);
+    mix(UNPCKHPS, y, y, fourth);
+    mix(UNPCKHPD, second, first, third);
+    mix(UNPCKLPD, first, first, third);
+    mix(UNPCKLPD, third, x, y);
+    mix(UNPCKHPD, fourth, x, y);
+}
+
 /// The number of a step's region.
 fn region_of(step: &Step) -> usize {
     step.immediate.unwrap_or(0).into()
@@ -191,11 +237,11 @@ impl Allocation<'_> {
         step: &Step,
         to: Register,
         [index, lanes]: [Register; 2],
-        steps: Option<(u32, Operand)>,
+        steps: Option<(Spread, Operand)>,
     ) -> Result<(), TooManyLive> {
-        let upper = match steps {
-            Some((distance, _)) if distance != 4 => {
-                let upper = self.temporary();
+        let upper = match (self.assembler.encoding, steps) {
+            (Encoding::Vex, Some((spread, _))) if spread.distance != 4 => {
+                let upper = self.temporary(Class::Vector);
                 let [a, b, _] = step.from;
                 Some((upper, self.take(upper, &[a, b, step.to])?))
             }
@@ -203,7 +249,8 @@ impl Allocation<'_> {
         };
         let a = &mut *self.assembler;
         let mut done = SmallVec::<[usize; 2]>::new();
-        if let Some((distance, steps)) = steps {
+        if let Some((spread, steps)) = steps {
+            let distance = spread.distance;
             let apart = find_run(a, to, [index, lanes], (distance, steps));
             add_base(a, step);
             let first = -(to_last(a.encoding, distance) as i32);
@@ -221,7 +268,18 @@ impl Allocation<'_> {
                     let upper = Operand::Register(upper);
                     a.vector(INSERT_128, (to, to, upper), 0, Some(1));
                 }
-                (Encoding::Evex, _) => a.vector(LOAD, (to, 0, word(0)), lanes | ZEROING, None),
+                (Encoding::Evex, _) if distance == 4 => {
+                    a.vector(LOAD, (to, 0, word(0)), lanes | ZEROING, None);
+                }
+                (Encoding::Evex, _) => {
+                    a.vector(LOAD, (to, 0, word(0)), 0, None);
+                    for (k, start) in (0..).zip(blocks(distance)).skip(1) {
+                        let choice = Memory::Pool(spread.first_choice + k - 1);
+                        a.vector(LOAD, (SCRATCH, 0, Operand::Memory(choice)), 0, None);
+                        let block = word(4 * start as i32);
+                        a.vector(PERMT2D, (to, SCRATCH, block), 0, None);
+                    }
+                }
             }
             done.push(a.jump());
             apart.into_iter().for_each(|apart| a.land(apart));
@@ -242,7 +300,7 @@ impl Allocation<'_> {
     }
 
     /// Loads four words of each lane, one behind another, into registers: where all of all lanes
-    /// are inside, those of a lane at once, else word by word. AVX2 only.
+    /// are inside, those of a lane at once, else word by word.
     pub(super) fn load_fours(&mut self, step: &Step, after: [u32; 3]) -> Result<(), TooManyLive> {
         let mut held = SmallVec::<[Virtual; 8]>::from_slice(&step.from[..2]);
         let mut operands = [0; 2];
@@ -256,13 +314,21 @@ impl Allocation<'_> {
         let mut registers = [0; 6];
         for (k, register) in registers.iter_mut().enumerate() {
             let result = results.get(k).copied().flatten();
-            let value = result.unwrap_or_else(|| self.temporary());
+            let value = result.unwrap_or_else(|| self.temporary(Class::Vector));
             *register = self.take(value, &held)?;
             held.push(value);
         }
         let fours = self.values[step.from[2] as usize].home;
         let fours = Operand::Memory(fours.expect("a constant"));
-        self.write_fours(step, registers, operands, fours)?;
+        match self.assembler.encoding {
+            Encoding::Vex => self.write_fours(step, registers, operands, fours)?,
+            Encoding::Evex => {
+                let inside = self.temporary(Class::Mask);
+                let mask = self.take(inside, &held)?;
+                held.push(inside);
+                self.write_fours_by_masks(step, registers, (operands, mask), fours)?;
+            }
+        }
         for value in held {
             let is_result = results.contains(&Some(value));
             if is_result {
@@ -306,18 +372,7 @@ impl Allocation<'_> {
             stored_address(a, places + 4 * (lane + 4));
             a.vector(INSERT_128, (quarters, quarters, word), 0, Some(1));
         }
-        // Words of four lanes become lanes of four words.
-        let mut mix = |op, to, from: Register, other| {
-            a.vector(op, (to, from, register(other)), 0, None);
-        };
-        mix(UNPCKLPS, first, x, second);
-        mix(UNPCKHPS, x, x, second);
-        mix(UNPCKLPS, third, y, fourth);
-        mix(UNPCKHPS, y, y, fourth);
-        mix(UNPCKHPD, second, first, third);
-        mix(UNPCKLPD, first, first, third);
-        mix(UNPCKLPD, third, x, y);
-        mix(UNPCKHPD, fourth, x, y);
+        lanes_of_words(a, [first, second, third, fourth], [x, y]);
         let done = a.jump();
         a.land(some);
         region_base(a, step);
@@ -336,6 +391,68 @@ impl Allocation<'_> {
             a.vector(PANDN, (y, y, register(lanes)), 0, None);
             a.vector(PXOR, (to, to, register(to)), 0, None);
             a.gather(step.op, to, place, y);
+        }
+        a.land(done);
+        Ok(())
+    }
+
+    /// As [`Self::write_fours`], with AVX-512. `inside`: a mask register.
+    fn write_fours_by_masks(
+        &mut self,
+        step: &Step,
+        [first, second, third, fourth, x, y]: [Register; 6],
+        ([index, lanes], inside): ([Register; 2], Register),
+        fours: Operand,
+    ) -> Result<(), TooManyLive> {
+        let [places, _] = self.aside()?;
+        let a = &mut *self.assembler;
+        let register = Operand::Register;
+        let last = Memory::At(Base::Context, LoopContext::last(region_of(step)));
+        let last = Operand::Memory(last);
+        // The fourth words' places, and lanes where those are inside and have not overflown.
+        a.vector(PADDD, (x, index, fours), 0, None);
+        a.vector(PADDD, (x, x, fours), 0, None);
+        a.vector(PADDD, (x, x, fours), 0, None);
+        a.vector(PCMPD, (inside, x, last), lanes, Some(LESS_OR_EQUAL));
+        a.vector(
+            PCMPD,
+            (inside, index, register(x)),
+            inside,
+            Some(LESS_OR_EQUAL),
+        );
+        a.mask(KORTESTW, (inside, 0, register(inside)), false, None);
+        let some = a.jump_ahead(NOT_CARRY);
+        region_base(a, step);
+        let stored = Operand::Memory(Memory::At(Base::Stack, places));
+        a.vector(STORE, (index, 0, stored), 0, None);
+        let word = Operand::Memory(Memory::At(Base::Word, 0));
+        for (first_lane, quarters) in (0..).zip([x, second, y, fourth]) {
+            stored_address(a, places + 4 * first_lane);
+            a.vector(BROADCAST_128, (quarters, 0, word), 0, None);
+            for quarter in 1..4 {
+                stored_address(a, places + 4 * (first_lane + 4 * quarter));
+                let operands = (quarters, quarters, word);
+                a.vector(INSERT_128, operands, 0, Some(quarter as u8));
+            }
+        }
+        lanes_of_words(a, [first, second, third, fourth], [x, y]);
+        let done = a.jump();
+        a.land(some);
+        region_base(a, step);
+        // mov rbx, r13
+        a.bytes.extend([0x4c, 0x89, 0xeb]);
+        let mut place = index;
+        for (k, to) in [first, second, third, fourth].into_iter().enumerate() {
+            if k > 0 {
+                a.vector(PADDD, (x, place, fours), 0, None);
+                place = x;
+            }
+            if k > 0 && step.more[k - 1].is_none() {
+                continue;
+            }
+            a.vector(PCMPD, (inside, place, last), lanes, Some(LESS_OR_EQUAL));
+            a.vector(PXOR, (to, to, register(to)), 0, None);
+            a.gather(step.op, to, place, inside);
         }
         a.land(done);
         Ok(())

@@ -1,6 +1,6 @@
 //! Private rows of the subgroups of a loop.
 
-use super::words::first_word;
+use super::words::{first_word, store_all};
 use super::*;
 use crate::native::encode::{NOT_CARRY, NOT_ZERO};
 use crate::native::opcodes::*;
@@ -91,10 +91,11 @@ impl Allocation<'_> {
         a.gather(step.op, to, place, lanes);
     }
 
-    /// Stores lanes' words at places from the first row on.
+    /// Stores lanes' words at places from the first row on. The result's register is scratch.
     pub(super) fn scatter_rows(
         &mut self,
         step: &Step,
+        to: Register,
         [place, lanes, value]: [Register; 3],
     ) -> Result<(), TooManyLive> {
         self.private(step);
@@ -109,17 +110,15 @@ impl Allocation<'_> {
         let [places, values] = self.aside()?;
         let a = &mut *self.assembler;
         let memory = |at| Operand::Memory(Memory::At(Base::Stack, at));
-        a.vector(STORE, (place, 0, memory(places)), 0, None);
-        a.vector(STORE, (value, 0, memory(values)), 0, None);
         a.vector(MOVMSKPS, (EAX, 0, Operand::Register(lanes)), 0, None);
         // cmp eax, 0xff
         a.bytes.extend([0x3d, 0xff, 0, 0, 0]);
         let some = a.jump_ahead(NOT_ZERO);
-        for lane in 0..8 {
-            store_word(a, places + 4 * lane, values + 4 * lane);
-        }
+        store_all(a, to, [place, value]);
         let done = a.jump();
         a.land(some);
+        a.vector(STORE, (place, 0, memory(places)), 0, None);
+        a.vector(STORE, (value, 0, memory(values)), 0, None);
         for lane in 0..8 {
             // shr eax, 1
             a.bytes.extend([0xd1, 0xe8]);

@@ -585,8 +585,8 @@ impl Stretch {
             Op::FAdd => ADDSS,
             _ => MULSS,
         };
-        if let (&[low, high], SUBGROUP_SIZE) = (all, cluster) {
-            let combined = self.step(Class::Vector, scalar, Form::InOrder, &[low, high]);
+        if cluster == SUBGROUP_SIZE {
+            let combined = self.step(Class::Vector, scalar, Form::InOrder, all);
             return Some(Registers::from_elem(combined, all.len()));
         }
         let lane = |number| std::array::from_fn(|lane| (lane / cluster * cluster + number) as u32);

@@ -176,8 +176,14 @@ impl Turns {
                 (Some(lanes), Encoding::Vex) => {
                     a.vector(MOVMSKPS, (EBX, 0, Operand::Register(lanes)), 0, None);
                 }
-                // All that came: mov bl, [r10 + from]
-                (None, _) => a.bytes.extend([0x41, 0x8a, 0x5a, from]),
+                // All that came: mov bx, [r10 + from]; mov [r10 + at], bx
+                (None, Encoding::Evex) => {
+                    a.bytes.extend([0x66, 0x41, 0x8b, 0x5a, from]);
+                    a.bytes.extend([0x66, 0x41, 0x89, 0x5a, at]);
+                    continue;
+                }
+                // The same of a half: mov bl, [r10 + from]
+                (None, Encoding::Vex) => a.bytes.extend([0x41, 0x8a, 0x5a, from]),
             }
             // mov [r10 + at], bl
             a.bytes.extend([0x41, 0x88, 0x5a, at]);

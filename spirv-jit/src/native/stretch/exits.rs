@@ -19,8 +19,7 @@ impl Turns {
         values: &[(IrOperand, ValueRow)],
     ) -> bool {
         let entered = self.lanes.expect("a turn has begun");
-        let s = &mut self.stretch;
-        if s.encoding != Encoding::Vex || lanes.0 != entered.0 {
+        if lanes.0 != entered.0 {
             return false;
         }
         let index = self.exits_so_far;
@@ -55,18 +54,17 @@ impl Turns {
                         row: s.home(&place, k as i32).expect("a row"),
                         mask: 2 * s.subgroup as i32 + half as i32,
                         lanes: Some(lanes),
-                        quarter: is_wide.then_some(k),
+                        part: is_wide.then_some(k),
                     });
                 }
             }
         }
         s.half = None;
-        s.step(
-            Class::Vector,
-            TESTPS,
-            Form::Exit { index, when },
-            &[condition],
-        );
+        let op = match s.encoding {
+            Encoding::Vex => TESTPS,
+            Encoding::Evex => KORTESTW,
+        };
+        s.step(Class::Vector, op, Form::Exit { index, when }, &[condition]);
         for left in &left {
             let lanes = left.lanes.expect("as above");
             s.step(Class::Vector, MOVE, Form::Hold, &[left.value, lanes]);
@@ -79,9 +77,8 @@ impl Turns {
     /// Whether the lanes that take the loop stay the same from turn to turn. If so, exits take them
     /// from memory.
     pub(super) fn settle_lanes(&mut self) -> bool {
-        let is_constant = self.stretch.encoding == Encoding::Vex
-            && (self.carried.iter())
-                .all(|value| value.lanes.is_none() || value.before == value.after);
+        let is_constant =
+            (self.carried.iter()).all(|value| value.lanes.is_none() || value.before == value.after);
         if is_constant {
             for step in &mut self.stretch.steps {
                 if step.form == Form::Hold {
@@ -107,8 +104,11 @@ impl Stretch {
             let home = self.infos[value as usize].home;
             ones.is_some_and(|ones| home == Some(Memory::Pool(ones as u32)))
         };
-        (step.op == PXOR && step.form == Form::Commutative && is_ones(step.from[1]))
-            .then_some(step.from[0])
+        let is_not = match step.op {
+            PXOR => step.form == Form::Commutative && is_ones(step.from[1]),
+            op => op == KNOT,
+        };
+        is_not.then_some(step.from[0])
     }
 }
 

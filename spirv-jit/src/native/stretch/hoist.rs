@@ -5,7 +5,7 @@
 use super::turns::Turns;
 use super::{Class, Info, Step, Virtual};
 use crate::native::allocate::allocate;
-use crate::native::encode::{Assembler, Base, Encoding, Memory};
+use crate::native::encode::{Assembler, Base, Memory};
 
 /// Results that are kept on the stack, at most.
 const MOST: usize = 16;
@@ -71,14 +71,13 @@ impl Hoisted {
 
 impl Turns {
     /// Writes the steps that give the same in each turn. Gives the others, and how many bytes of
-    /// the stack their results have. AVX2 only.
+    /// the stack their results have.
     pub(super) fn hoist(&mut self, steps: Vec<Step>, a: &mut Assembler) -> (Vec<Step>, i32) {
-        if self.stretch.encoding != Encoding::Vex {
-            return (steps, 0);
-        }
         let infos = &self.stretch.infos;
         let mut is_fixed: Vec<bool> = infos.iter().map(|info| info.is_home).collect();
-        let mut must_stay: Vec<bool> = infos.iter().map(|info| info.keep).collect();
+        // A mask register's place in memory costs more than a comparison.
+        let stays = |info: &Info| info.keep || info.class == Class::Mask;
+        let mut must_stay: Vec<bool> = infos.iter().map(stays).collect();
         for value in &self.carried {
             is_fixed[value.before as usize] = false;
             must_stay[value.after as usize] = true;

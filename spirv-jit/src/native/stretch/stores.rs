@@ -1,4 +1,4 @@
-//! Stores of a loop's words to buffers and workgroup memory, with AVX2.
+//! Stores of a loop's words to buffers and workgroup memory.
 
 use super::turns::{Lanes, Turns};
 use super::{Class, Form, Held, IrOperand};
@@ -12,7 +12,7 @@ const WORD_BYTES: u32 = 4;
 impl Turns {
     /// Stores a word of each lane at an offset of a region, in the lanes' order; those that are not
     /// inside as a whole are dropped. `distance`: how far neighbouring lanes' words may be apart.
-    /// `None` where there is no code: that is with AVX2 alone, for both halves of a subgroup.
+    /// `None` where there is no code: with AVX2, where halves take turns of their own.
     pub fn store(
         &mut self,
         lanes: Lanes,
@@ -20,7 +20,7 @@ impl Turns {
         (offset, distance): (&IrOperand, u32),
         value: &IrOperand,
     ) -> Option<()> {
-        if self.stretch.encoding != Encoding::Vex || self.sides() == 1 {
+        if self.stretch.encoding == Encoding::Vex && self.sides() == 1 {
             return None;
         }
         self.takes_own |= region == WORKGROUP;

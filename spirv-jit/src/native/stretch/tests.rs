@@ -131,6 +131,10 @@ fn in_both() -> Vec<Listed> {
         listed!(PMOVZXDQ, "vpmovzxdq", "r mh"),
         listed!(PMOVSXDQ, "vpmovsxdq", "r mh"),
         listed!(PMOVZXWD, "vpmovzxwd", "r mh"),
+        listed!(UNPCKLPS, "vunpcklps", "r v m"),
+        listed!(UNPCKHPS, "vunpckhps", "r v m"),
+        listed!(UNPCKLPD, "vunpcklpd", "r v m"),
+        listed!(UNPCKHPD, "vunpckhpd", "r v m"),
     ]
 }
 
@@ -147,10 +151,6 @@ fn in_vex() -> Vec<Listed> {
         listed!(BLENDVPS, "vblendvps", "r v m s").immediate(0xd0),
         listed!(EXTRACT_128, "vextracti128", "mh r i").immediate(1),
         listed!(INSERT_128, "vinserti128", "r v mh i").immediate(1),
-        listed!(UNPCKLPS, "vunpcklps", "r v m"),
-        listed!(UNPCKHPS, "vunpckhps", "r v m"),
-        listed!(UNPCKLPD, "vunpcklpd", "r v m"),
-        listed!(UNPCKHPD, "vunpckhpd", "r v m"),
         listed!(PTEST, "vptest", "r m"),
         listed!(PACKUSDW, "vpackusdw", "r v m"),
         listed!(PERMQ, "vpermq", "r m i").immediate(0xd8),
@@ -210,6 +210,11 @@ fn in_evex() -> Vec<Listed> {
         listed!(PBROADCASTD, "vpbroadcastd", "r mx"),
         listed!(PBROADCASTQ, "vpbroadcastq", "r mx"),
         listed!(PTESTMD, "vptestmd", "rk v m"),
+        listed!(PERMT2D, "vpermt2d", "r v m"),
+        listed!(INSERT_128, "vinserti32x4", "r v mx i").immediate(3),
+        listed!(PCMPD, "vpcmpd", "rk v m i")
+            .immediate(int::LE)
+            .masked(),
     ]);
     list
 }
@@ -557,6 +562,7 @@ fn every_opcode_is_listed() {
     let of_lanes = vec![
         listed!(PBROADCASTB, "vpbroadcastb", "r m"),
         listed!(KMOV, "kmovw", "rk m"),
+        listed!(BROADCAST_128, "vbroadcasti32x4", "r m"),
         listed!(KMOV_OUT, "kmovw", ""),
         listed!(KMOV_IN, "kmovw", ""),
         listed!(PBROADCASTD_OF, "vpbroadcastd", ""),
@@ -567,6 +573,9 @@ fn every_opcode_is_listed() {
         listed!(MOVD_IN, "vmovd", ""),
         listed!(MOVD_OUT, "vmovd", ""),
         listed!(PINSRD, "vpinsrd", ""),
+        listed!(MOVQ_OUT, "vmovq", ""),
+        listed!(PEXTRQ, "vpextrq", ""),
+        listed!(PEXTRD, "vpextrd", ""),
         listed!(MOVSS, "vmovss", ""),
         listed!(ADDSS, "vaddss", ""),
         listed!(MULSS, "vmulss", ""),

@@ -13,7 +13,9 @@ use smallvec::SmallVec;
 use super::lower::int;
 use super::{Class, Form, Held, IrOperand, Stretch, ValueRow, Virtual};
 use crate::ir::{Type, Value};
-use crate::native::allocate::{Alike, Carried, Exit, STORE, TURNS_TOGETHER};
+use crate::native::allocate::{
+    Alike, Carried, Exit, STORE, Spread, TURNS_TOGETHER, blocks, choice,
+};
 use crate::native::encode::{Base, Constant, Encoding, Memory};
 use crate::native::opcodes::*;
 use crate::native::{LoopContext, WORKGROUP};
@@ -49,6 +51,9 @@ const MOST_AT_ONCE: u32 = 64;
 
 /// Bytes between the words of neighbouring lanes that are loaded without a gather, at most.
 const MOST_DISTANCE: u32 = 1 << 16;
+
+/// The same of those that are chosen from whole vectors: AVX-512 only.
+const MOST_IN_VECTORS: u32 = 32;
 
 /// Words of a lane that are loaded at once, at most.
 const FOUR: usize = 4;
@@ -140,11 +145,13 @@ impl Turns {
     }
 
     /// Writes an operation whose results are the same in all lanes that come to it: for one half,
-    /// and the other has the same registers. All its operands are the same in all lanes of a
-    /// subgroup, so that its results are, too, whichever lanes come to it.
+    /// and the other has the same registers; all subgroups do where it `is_for_all`. All its
+    /// operands are the same in all lanes of a subgroup, so that its results are, too, whichever
+    /// lanes come to it.
     fn once<T>(
         &mut self,
         results: &[Value],
+        is_for_all: bool,
         write: impl FnOnce(&mut Stretch) -> Option<T>,
     ) -> Option<T> {
         let s = &mut self.stretch;
@@ -152,16 +159,18 @@ impl Turns {
         let first = s.infos.len();
         let written = write(s)?;
         s.half = None;
-        if self.is_paired {
+        if self.is_paired || is_for_all {
             for info in &mut s.infos[first..] {
                 if !matches!(
                     info.home,
                     Some(Memory::Pool(_) | Memory::At(Base::Uniforms, _))
                 ) {
-                    // Code for the other half comes later, when the row may hold another value.
+                    // Code for the others comes later, when the row may hold another value.
                     (info.home, info.is_home) = (None, false);
                 }
             }
+        }
+        if self.is_paired {
             for &result in results {
                 if let Some(&held) = s.held[0].get(&result) {
                     s.held[1].insert(result, held);
@@ -179,7 +188,7 @@ impl Turns {
         write: impl FnOnce(&mut Stretch) -> Option<T>,
     ) -> Option<T> {
         if self.subgroups == 1 {
-            return self.once(results, write);
+            return self.once(results, false, write);
         }
         if self.stretch.subgroup > 0 {
             // Code of all subgroups counts the same operations.
@@ -187,7 +196,7 @@ impl Turns {
             return Some(T::default());
         }
         let first = self.stretch.steps.len();
-        let written = self.once(results, write)?;
+        let written = self.once(results, true, write)?;
         for step in &mut self.stretch.steps[first..] {
             step.subgroup = TURNS_TOGETHER;
         }
@@ -205,7 +214,7 @@ impl Turns {
     ) -> Option<()> {
         match sameness {
             Sameness::Together => self.once_for_all(results, |s| write(s).then_some(())),
-            Sameness::Subgroup => self.once(results, |s| write(s).then_some(())),
+            Sameness::Subgroup => self.once(results, false, |s| write(s).then_some(())),
             Sameness::Nowhere => self.by_halves(|s, _| write(s).then_some(())).map(|_| ()),
         }
     }
@@ -230,17 +239,18 @@ impl Turns {
         self.lanes = Some(lanes);
         self.params.clear();
         for &(place, sameness) in params {
+            let is_for_all = sameness == Sameness::Together && self.subgroups > 1;
             let held = match sameness {
                 Sameness::Nowhere => self.by_halves(|s, _| Some(s.operand(&place))),
                 Sameness::Together if subgroup > 0 => {
                     self.stretch.known(place.value).map(|held| [held; 2])
                 }
                 _ => {
-                    let held = self.once(&[place.value], |s| Some(s.operand(&place)));
+                    let held = self.once(&[place.value], is_for_all, |s| Some(s.operand(&place)));
                     held.map(|held| [held; 2])
                 }
             };
-            if sameness == Sameness::Together && self.subgroups > 1 {
+            if is_for_all {
                 self.shared.insert(place.value);
             }
             self.params.push(Entered {
@@ -399,7 +409,7 @@ impl Turns {
                 let start = s.words((1 << 31) + 4 * word as u32);
                 let lanes = lanes.0[half];
                 match near.iter().flatten().count() {
-                    2.. if s.encoding == Encoding::Vex => {
+                    2.. => {
                         let place = s.commutative(PADDD, offset, start);
                         s.load_fours(place, lanes, region, near);
                         word += FOUR;
@@ -459,7 +469,7 @@ impl Turns {
         };
         match is_shared {
             true => self.once_for_all(&values, write),
-            false => self.once(&values, write),
+            false => self.once(&values, false, write),
         }
     }
 
@@ -549,15 +559,26 @@ impl Stretch {
         result: &IrOperand,
     ) {
         let mut from = SmallVec::<[Virtual; 3]>::from_slice(&[place, lanes]);
+        let mut first_choice = 0;
         let has_code = match self.encoding {
             Encoding::Vex => (4..=MOST_DISTANCE).contains(&distance),
-            Encoding::Evex => distance == 4,
+            Encoding::Evex => {
+                distance.is_multiple_of(4) && (4..=MOST_IN_VECTORS).contains(&distance)
+            }
         };
+        if has_code && self.encoding == Encoding::Evex {
+            let choices = (1..blocks(distance).count()).map(|block| choice(distance, block));
+            first_choice = self.neighbours(choices.map(Constant::Words).collect());
+        }
         if has_code {
             let steps = std::array::from_fn(|lane| distance * lane as u32);
             from.push(self.constant(Constant::Words(steps)));
         }
-        let to = self.step(Class::Vector, PGATHERDD, Form::Gather(distance), &from);
+        let spread = Spread {
+            distance,
+            first_choice,
+        };
+        let to = self.step(Class::Vector, PGATHERDD, Form::Gather(spread), &from);
         self.steps.last_mut().expect("pushed").immediate = Some(region as u8);
         self.give(result, Held::One(to));
         self.operations += 1;

@@ -404,8 +404,7 @@ fn loops_store_words_in_order() {
             tier,
             LANES / 16,
         );
-        let native = bench.program.native_loops();
-        assert_eq!(native, (tier == TierKind::Avx2) as usize, "{tier:?}");
+        assert!(is_native(&bench, tier), "{tier:?}");
         for (k, places) in places.iter().enumerate() {
             for (size_bytes, fuel) in [(SIZE_BYTES, 1000), (SIZE_BYTES, 1), (3, 1000), (0, 1000)] {
                 bench.environment.push_constants = Descriptor {
