@@ -8,7 +8,7 @@ use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU16, AtomicU32, AtomicU64, Ordering};
 
 use half::f16;
-use lanes::{LaneMask, Row};
+use lanes::{LaneMask, Row, prefetch_line};
 
 use super::code::AtomicPlan;
 use super::gather::{Gather, Layout};
@@ -274,6 +274,16 @@ struct Places {
     one: Option<*mut u8>,
 }
 
+impl Places {
+    /// Asks for the memory of lanes whose addresses differ: operations that are one behind another
+    /// would wait for each address by itself.
+    fn prefetch(&self) {
+        for lane in self.inside {
+            prefetch_line(self.at[lane]);
+        }
+    }
+}
+
 /// Finds the addresses of some lanes of a subgroup, at least one.
 ///
 /// # Safety
@@ -308,6 +318,8 @@ unsafe fn find_places(
             }
             if is_one && !places.inside.is_empty() {
                 places.one = Some(places.at[places.inside.first()]);
+            } else if space != Space::Private {
+                places.prefetch();
             }
             return;
         }
@@ -341,6 +353,9 @@ unsafe fn find_places(
             low[k] = (region.base as u32).wrapping_add(offsets[k]);
         }
         places.inside -= LaneMask::with_any(&low, size as u32 - 1);
+        if space != Space::Shared {
+            places.prefetch();
+        }
     }
 }
 
