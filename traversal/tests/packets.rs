@@ -187,6 +187,47 @@ fn packets_go_through_many_instances() {
     }
 }
 
+/// Where the axes of a tile's rays, or the signs of their directions, differ, each way is a packet
+/// by itself: in a top level of one instance, turned or not, and of many.
+#[test]
+fn rays_of_a_tile_that_go_several_ways_walk_together() {
+    let mesh = mesh();
+    let bottom = build_meshes(std::slice::from_ref(&mesh), 0);
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    let turned = [0.8, -0.6, 0.0, 0.0, 0.6, 0.8, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let at = |transform: [f32; 12], x: f32| {
+        let mut transform = transform;
+        transform[3] = x;
+        InstanceRecord::new(&bottom, transform)
+    };
+    let tops = [
+        build_instances(&[at(IDENTITY, 0.0)], 0),
+        build_instances(&[at(turned, 0.0)], 0),
+        build_instances(&[-2.5, 0.0, 2.5].map(|x| at(IDENTITY, x)), 0),
+    ];
+    let mut walker = Walker::new();
+    // In the middle of a picture; along a diagonal, where two components are as long.
+    for (forward, right) in [
+        ([0.0, 0.0, -1.0], [1.0, 0.0, 0.0]),
+        ([-half, 0.013, -half], [half, 0.0, -half]),
+    ] {
+        let origin = forward.map(|c: f32| -4.0 * c);
+        for lanes in [16, 7] {
+            let rays: Vec<_> = (0..lanes)
+                .map(|i| {
+                    let [x, y] = [i % 4, i / 4].map(|place| (place as f32 - 1.5) * 0.02);
+                    let mut direction = [0, 1, 2].map(|axis| forward[axis] + x * right[axis]);
+                    direction[1] += y;
+                    ray(origin, direction)
+                })
+                .collect();
+            for (i, top) in tops.iter().enumerate() {
+                assert!(compare(&mut walker, top, &rays), "{forward:?} {lanes} {i}");
+            }
+        }
+    }
+}
+
 #[test]
 fn what_is_unusual_is_left_alone() {
     let mesh = mesh();

@@ -127,6 +127,13 @@ pub trait GroupWalks {
     /// Reads the rays of a group: as it starts, and unchanged whenever it goes on.
     fn rays(&self, group: u32, rays: &mut RayRows) -> Start;
 
+    /// The same for [`Walker::trace_together`], after another group of its list, whose rays are in
+    /// `rays` and which began like this.
+    fn next_rays(&self, group: u32, before: Start, rays: &mut RayRows) -> Start {
+        let _ = before;
+        self.rays(group, rays)
+    }
+
     /// Where the rays of a group are kept.
     fn group_walk(&mut self, group: u32) -> &mut GroupWalk;
 
@@ -200,8 +207,13 @@ impl Walker {
         group_walks: &mut F,
     ) -> Result<(), F::Stop> {
         let mut rays = RayRows::NONE;
+        let mut before = None;
         for &group in groups {
-            let start = group_walks.rays(group, &mut rays);
+            let start = match before {
+                None => group_walks.rays(group, &mut rays),
+                Some(before) => group_walks.next_rays(group, before, &mut rays),
+            };
+            before = Some(start);
             // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             if !unsafe { self.start_together(group, start, &rays, group_walks)? } {
                 apart.push(group);
@@ -386,7 +398,7 @@ impl Walker {
                 unsafe { suspended.split_all(lanes, rays, &group_walks.group_walk(group).hits) };
                 return self.settle_singles(group, suspended, group_walks);
             }
-            Progress::Singly | Progress::Done => self.spare.push(suspended),
+            Progress::Singly | Progress::Apart(_) | Progress::Done => self.spare.push(suspended),
         }
         group_walks.settled(group)
     }

@@ -12,7 +12,7 @@ use super::rows::{Lanes, RayRows, Words, blend};
 use crate::layout::{GROUP, InstanceRecord, WIDTH, instance_state};
 
 /// Bits of infinity without the sign: larger values are not finite.
-const INFINITE: u32 = f32::INFINITY.to_bits();
+pub(super) const INFINITE: u32 = f32::INFINITY.to_bits();
 
 /// The bits of a number without its sign: in the order of sizes.
 #[inline(always)]
@@ -81,7 +81,7 @@ impl Terms {
 /// Whether a direction is longest along x, or along y, as `LevelRay::set` finds it; else it is
 /// along z.
 #[inline(always)]
-fn longest(x: f32, y: f32, z: f32) -> (bool, bool) {
+pub(super) fn longest(x: f32, y: f32, z: f32) -> (bool, bool) {
     let [x, y, z] = [x.abs(), y.abs(), z.abs()];
     ((x > y) & (x > z), (y >= x) & (y > z))
 }
@@ -211,73 +211,20 @@ impl LevelRays {
         sound
     }
 
-    /// Takes rays of a packet as they are in a top level; what follows is
-    /// [`Self::set_up_together`].
+    /// Takes rays as they are in a top level.
     #[inline(always)]
-    pub fn start_top(&mut self, world_rays: &WorldRays) {
+    fn start_top(&mut self, world_rays: &WorldRays) {
         self.space_origin = world_rays.origin;
         self.space_direction = world_rays.direction;
     }
 
-    /// Takes rays of a packet to an instance that does not move; what follows is
-    /// [`Self::set_up_together`].
+    /// Takes rays to an instance that does not move.
     #[inline(always)]
     pub fn start_instance(&mut self, world_rays: &WorldRays, record: &InstanceRecord) {
         self.start_top(world_rays);
         if record.words.state & instance_state::IDENTITY == 0 {
             self.turn(record);
         }
-    }
-
-    /// The way that each ray goes: a number for its longest axis and for the signs of its
-    /// direction. Rays with the same number have their own axes and their near planes in common.
-    #[inline(always)]
-    pub fn ways(&self) -> Words {
-        let d = &self.space_direction;
-        let mut ways = [0; PACKET];
-        for i in 0..PACKET {
-            let (is_x, is_y) = longest(d[0][i], d[1][i], d[2][i]);
-            let bit = |at: u32, is: bool| u32::from(is) << at;
-            let signs = bit(2, d[0][i] < 0.0) | bit(3, d[1][i] < 0.0) | bit(4, d[2][i] < 0.0);
-            ways[i] = bit(0, is_x) | bit(1, is_y) | signs;
-        }
-        ways
-    }
-
-    /// Sets rays up that go the same way as the one in a lane, wherever they are; returns 1 for the
-    /// lanes that this is for: see [`Self::set_up`].
-    #[inline(always)]
-    pub fn set_up_together(&mut self, world_rays: &WorldRays, lane: usize) -> Words {
-        let mut sound = world_rays.sound;
-        let direction = self.space_direction.map(|row| row[lane]);
-        let axes = match longest(direction[0], direction[1], direction[2]) {
-            (true, _) => [1, 2, 0],
-            (_, true) => [2, 0, 1],
-            _ => [0, 1, 2],
-        };
-        let axes = match direction[axes[2]] < 0.0 {
-            true => [axes[1], axes[0], axes[2]],
-            false => axes,
-        };
-        let mut directions = [[0.0; PACKET]; 3];
-        for k in 0..3 {
-            let axis = axes[k];
-            let (o, d) = (self.space_origin[axis], self.space_direction[axis]);
-            let upper = if direction[axis] < 0.0 { ROW } else { 0 };
-            self.near_rows[k] = [axis as u32 * (2 * ROW) + upper; PACKET];
-            self.axes[k] = [axis as u32 * AXIS; PACKET];
-            self.origin[k] = o;
-            for i in 0..PACKET {
-                let terms = Terms::new(o[i], d[i]);
-                self.far_origin[k][i] = terms.far_origin;
-                self.near_inverse[k][i] = terms.near_inverse;
-                self.far_inverse[k][i] = terms.far_inverse;
-                sound[i] &= u32::from(terms.is_sound(o[i], d[i]));
-            }
-            directions[k] = d;
-        }
-        self.derive_shear(world_rays, &directions, &mut sound);
-        sound
     }
 
     /// Makes boxes larger by how far off rays may be in a top level, relative to how far from the

@@ -2,6 +2,7 @@
 //! has them.
 
 use lanes::LaneMask;
+use lanes::vector::Vector;
 
 use super::PACKET;
 use crate::ray::{Hit, Ray, Swept};
@@ -11,6 +12,26 @@ pub type Lanes = [f32; PACKET];
 
 /// A word of each lane.
 pub type Words = [u32; PACKET];
+
+/// The bits of a row of numbers.
+#[inline(always)]
+pub(crate) fn bits_of(numbers: &Lanes) -> &Words {
+    // SAFETY: both are sixteen times 32 bits, of the same alignment, and any bits are a word.
+    unsafe { &*std::ptr::from_ref(numbers).cast() }
+}
+
+/// The same, to be written.
+#[inline(always)]
+pub(crate) fn bits_of_mut(numbers: &mut Lanes) -> &mut Words {
+    // SAFETY: as above, and any bits are a number.
+    unsafe { &mut *std::ptr::from_mut(numbers).cast() }
+}
+
+/// A row of numbers in registers.
+#[inline(always)]
+pub(crate) fn load_row<V: Vector>(v: V, row: &Lanes) -> V::F {
+    v.load(bits_of(row))
+}
 
 /// Rays by rows; see [`Ray`].
 #[derive(Clone, Debug)]
@@ -77,6 +98,37 @@ impl RayRows {
                 & (self.cull_mask[i] == mask)
         });
         alike & lanes
+    }
+
+    /// The rays of some lanes. Other lanes repeat the first of them, so that they compute no
+    /// exceptional values.
+    #[inline(always)]
+    pub(crate) fn filled(&self, lanes: LaneMask) -> RayRows {
+        let (mut filled, first) = (self.clone(), lanes.first());
+        for row in [&mut filled.t_min, &mut filled.t_max] {
+            blend(row, &[row[first]; PACKET], !lanes);
+        }
+        for row in filled.origin.iter_mut().chain(&mut filled.direction) {
+            blend(row, &[row[first]; PACKET], !lanes);
+        }
+        for row in [&mut filled.flags, &mut filled.cull_mask] {
+            blend(row, &[row[first]; PACKET], !lanes);
+        }
+        for lane in !lanes {
+            filled.top_level[lane] = self.top_level[first];
+        }
+        filled
+    }
+
+    /// Whether all have the structure, the flags and the mask of the first.
+    #[inline(always)]
+    pub(crate) fn are_alike(&self) -> bool {
+        let (mut words, mut apart) = (0, 0);
+        for i in 0..PACKET {
+            words |= self.flags[i] ^ self.flags[0] | self.cull_mask[i] ^ self.cull_mask[0];
+            apart |= self.top_level[i] ^ self.top_level[0];
+        }
+        words == 0 && apart == 0
     }
 
     /// The ray of a lane.

@@ -18,12 +18,24 @@ const MANY: u32 = 5;
 pub(crate) enum Progress {
     /// The rays diverge, or reach a node that packets do not support: the walk has not started.
     Singly,
+    /// These go one way, the others go others: the walk has not started.
+    Apart(LaneMask),
     /// All are at their ends; their hits are in the rows.
     Done,
     /// [`Suspended::candidates`] are to be decided on.
     Candidates,
     /// From here on these go one by one: [`Suspended::split_all`]. The others are at their ends.
     Split(LaneMask),
+}
+
+impl Progress {
+    /// The progress of rays of which these go the same way.
+    pub(crate) fn apart(alike: LaneMask) -> Progress {
+        match alike {
+            LaneMask::NONE => Progress::Singly,
+            alike => Progress::Apart(alike),
+        }
+    }
 }
 
 /// Rays that wait for decisions about candidates, one each at most.

@@ -17,8 +17,8 @@ pub(super) enum Entering {
     /// There is nothing for these rays.
     Nothing,
     Inside(Way),
-    /// The rays do not go the same way there.
-    Singly,
+    /// The rays do not go the same way there: these do, if any.
+    Apart(LaneMask),
     /// It holds something that a packet does not do.
     Unusual,
 }
@@ -80,11 +80,12 @@ impl Packet<'_> {
                         return unsafe { self.split::<K>(walker, hits, instance) };
                     }
                 }
-                Entering::Singly if !self.has_asked && only.is_none() => {
+                Entering::Apart(_) if !self.has_asked && only.is_none() => {
                     if !self.go_singly(walker, index, lanes) {
                         return Progress::Singly;
                     }
                 }
+                Entering::Apart(alike) if !self.has_asked => return Progress::apart(alike),
                 _ if !self.has_asked => return Progress::Singly,
                 _ => {
                     walker.packet.bottom.start(lanes);
@@ -145,8 +146,9 @@ impl Packet<'_> {
             _ => return Entering::Unusual,
         };
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        if !unsafe { K::set_up_instance(rays, &self.world_rays, &record, lanes) } {
-            return Entering::Singly;
+        let alike = unsafe { K::set_up_instance(rays, self.rays, &record, lanes) };
+        if alike != lanes {
+            return Entering::Apart(alike);
         }
         self.found.instance = index;
         if !again {

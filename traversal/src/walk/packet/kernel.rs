@@ -2,6 +2,7 @@
 //! and visit the same nodes in the same order.
 
 use lanes::LaneMask;
+use lanes::vector::Vector;
 
 use super::rays::Rays;
 use super::{Packet, Stack};
@@ -11,8 +12,7 @@ use crate::walk::Walker;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
-use crate::walk::level_rays::WorldRays;
-use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+use crate::walk::rows::{HitRows, RayRows};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 
 /// The tests of packets with one instruction set, and the functions that are made of them.
@@ -20,45 +20,20 @@ use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 /// Functions that are to be calls are compiled for the instruction set; the others are inlined into
 /// those.
 pub(super) trait PacketKernel: Sized {
-    /// A number of each ray, ready for tests.
-    type Row: Copy;
-
-    /// Loads a row.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn load(row: &Lanes) -> Self::Row;
+    /// Sixteen lanes in the registers of the instruction set.
+    type V: Vector;
 
     /// The least number of some lanes.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32;
+    unsafe fn least(row: <Self::V as Vector>::F, lanes: LaneMask) -> f32;
 
     /// The greatest number of some lanes.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32;
-
-    /// Lanes whose number is not less.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn at_least(row: Self::Row, number: f32) -> LaneMask;
-
-    /// Lanes with this word.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn equal(row: &Words, word: u32) -> LaneMask;
-
-    /// Lanes whose inverse is not that of a direction along a plane: below
-    /// [`STEEP`](super::rays::STEEP).
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn flat(inverses: &Lanes) -> LaneMask;
+    unsafe fn greatest(row: <Self::V as Vector>::F, lanes: LaneMask) -> f32;
 
     /// Which children's boxes any of the rays might meet, and where at the soonest.
     ///
@@ -76,12 +51,6 @@ pub(super) trait PacketKernel: Sized {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32;
-
-    /// Which rays meet a child's box before `t_far`.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Self::Row) -> LaneMask;
 
     /// Tests the opaque triangles of a leaf, a word and the rays that come there.
     ///
@@ -146,10 +115,10 @@ pub(super) trait PacketKernel: Sized {
     /// The machine has the instruction set.
     unsafe fn set_up_top(
         rays: &mut Rays,
-        world_rays: &WorldRays,
+        ray_rows: &RayRows,
         origin_error: f32,
         lanes: LaneMask,
-    ) -> bool;
+    ) -> LaneMask;
 
     /// [`Rays::set_up_instance`].
     ///
@@ -157,10 +126,10 @@ pub(super) trait PacketKernel: Sized {
     /// The machine has the instruction set.
     unsafe fn set_up_instance(
         rays: &mut Rays,
-        world_rays: &WorldRays,
+        ray_rows: &RayRows,
         record: &InstanceRecord,
         lanes: LaneMask,
-    ) -> bool;
+    ) -> LaneMask;
 
     /// [`super::trace_packet`].
     ///
@@ -211,23 +180,23 @@ macro_rules! compiled {
         $(#[$feature])?
         unsafe fn set_up_top(
             rays: &mut Rays,
-            world_rays: &WorldRays,
+            ray_rows: &RayRows,
             origin_error: f32,
             lanes: LaneMask,
-        ) -> bool {
+        ) -> LaneMask {
             // SAFETY: the caller guarantees that the machine has the instruction set.
-            unsafe { rays.set_up_top::<$kernel>(world_rays, origin_error, lanes) }
+            unsafe { rays.set_up_top::<$kernel>(ray_rows, origin_error, lanes) }
         }
 
         $(#[$feature])?
         unsafe fn set_up_instance(
             rays: &mut Rays,
-            world_rays: &WorldRays,
+            ray_rows: &RayRows,
             record: &InstanceRecord,
             lanes: LaneMask,
-        ) -> bool {
+        ) -> LaneMask {
             // SAFETY: the caller guarantees that the machine has the instruction set.
-            unsafe { rays.set_up_instance::<$kernel>(world_rays, record, lanes) }
+            unsafe { rays.set_up_instance::<$kernel>(ray_rows, record, lanes) }
         }
 
         $(#[$feature])?

@@ -5,10 +5,12 @@
 //! hit may find another one first.) A first test of all eight children, against the interval of all
 //! rays, leaves one or two of them for the test of each ray.
 //!
-//! In an instance where the rays diverge, each ray is walked alone. Anything unusual ends the
-//! attempt, and every walk starts anew. Where a [`Suspended`] keeps them, packets stop for
-//! candidates that shaders are to decide on: the next one of each ray in a leaf of triangles, or a
-//! box with all rays that meet it. Once they have, what is unusual splits them into single walks.
+//! Rays whose directions differ in their signs or in their longest axis are packets of their own,
+//! one after another, where none stop for candidates. In one of several instances where the rays
+//! diverge, each ray is walked alone. Anything unusual ends the attempt, and every walk starts
+//! anew. Where a [`Suspended`] keeps them, packets stop for candidates that shaders are to decide
+//! on: the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once
+//! they have, what is unusual splits them into single walks.
 
 mod candidates;
 mod instances;
@@ -30,9 +32,7 @@ use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::found::Found;
 use super::level::{Level, only_instance};
-use super::level_ray::max;
-use super::level_rays::WorldRays;
-use super::rows::{HitRows, RayRows, blend};
+use super::rows::{HitRows, Lanes, RayRows, Words, blend, load_row};
 use super::suspended::{Progress, Suspended};
 use super::{Event, PACKET, Verdict, Walk, WalkState, Walker};
 use crate::layout::{WIDTH, child};
@@ -43,6 +43,7 @@ use kernel::PacketKernel;
 use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
 use lanes::Tier;
+use lanes::vector::Vector;
 use rays::Rays;
 pub(crate) use stack::{PacketSpace, Stack};
 
@@ -52,17 +53,6 @@ const ENOUGH: u32 = 6;
 /// Steps after which an attempt is given up, or rays part, if fuel lasts as long: few structures
 /// that are not corrupt take so many.
 const PATIENCE: u32 = 1 << 16;
-
-/// Directions differ by at most this, relative to the longest component.
-const SPREAD: f32 = 0.125;
-
-/// Origins differ by at most this, relative to their distance from the origin of space.
-const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
-
-/// The same for directions and origins of rays that are nearly parallel: to one light far away, for
-/// instance.
-const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
-const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
 
 /// Traces rays together if they cohere: to their ends or, with a [`Suspended`] to keep them, to
 /// candidates.
@@ -79,6 +69,53 @@ pub(crate) unsafe fn run(
     if !may_cohere(rays, lanes) {
         return Progress::Singly;
     }
+    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
+    unsafe {
+        match trace(rays, lanes, hits, walker, suspended) {
+            Progress::Apart(alike) => run_apart(rays, (lanes, alike), hits, walker),
+            progress => progress,
+        }
+    }
+}
+
+/// Traces rays of which some go the same way, and then the others, each way by itself. None of them
+/// stop for candidates.
+///
+/// # Safety
+/// The contract of [`Walk::new`], for every ray.
+#[cold]
+unsafe fn run_apart(
+    rays: &RayRows,
+    (mut rest, mut part): (LaneMask, LaneMask),
+    hits: &mut HitRows,
+    walker: &mut Walker,
+) -> Progress {
+    loop {
+        // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
+        match unsafe { trace(rays, part, hits, walker, None) } {
+            Progress::Apart(alike) if alike != part => part = alike,
+            Progress::Done if rest == part => return Progress::Done,
+            Progress::Done => {
+                rest -= part;
+                part = rest;
+            }
+            _ => return Progress::Singly,
+        }
+    }
+}
+
+/// Traces rays together if all go the same way.
+///
+/// # Safety
+/// The contract of [`Walk::new`], for every ray.
+#[inline(always)]
+unsafe fn trace(
+    rays: &RayRows,
+    lanes: LaneMask,
+    hits: &mut HitRows,
+    walker: &mut Walker,
+    suspended: Option<&mut Suspended>,
+) -> Progress {
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray; a walker has this
@@ -132,67 +169,10 @@ fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
     }
     let first = lanes.first();
     let last = lanes.bits().ilog2() as usize % PACKET;
-    let direction = |lane: usize| rays.direction.map(|row| row[lane]);
-    let (from, to) = (direction(first), direction(last));
-    let longest = most(&from);
-    (0..3).all(|i| (to[i] - from[i]).abs() <= SPREAD * longest)
-}
-
-/// Whether rays have structure, flags and mask in common.
-///
-/// # Safety
-/// The machine has the kernel's instruction set.
-#[inline(always)]
-unsafe fn are_alike<K: PacketKernel>(rays: &RayRows, lanes: LaneMask) -> bool {
-    let first = lanes.first();
-    let (flags, mask) = (rays.flags[first], rays.cull_mask[first]);
-    let top_level = rays.top_level[first];
-    let mut differences = [0u32; PACKET];
-    for i in 0..PACKET {
-        let apart = rays.top_level[i] ^ top_level;
-        differences[i] = (rays.flags[i] ^ flags)
-            | (rays.cull_mask[i] ^ mask)
-            | apart as u32
-            | (apart >> 32) as u32;
-    }
-    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-    (lanes - unsafe { K::equal(&differences, 0) }).is_empty()
-}
-
-/// Whether rays start near each other (by the size of their distances from the origin of space),
-/// and go the same way.
-///
-/// # Safety
-/// The machine has the kernel's instruction set.
-#[inline(always)]
-unsafe fn cohere<K: PacketKernel>(world_rays: &WorldRays, lanes: LaneMask) -> bool {
-    let (o, d) = (&world_rays.origin, &world_rays.direction);
-    let longest = most(&[d[0][0], d[1][0], d[2][0]]);
-    let farthest = most(&[o[0][0], o[1][0], o[2][0]]);
-    let (spread, width) = (SPREAD * longest, WIDTH_OF_BEAM * farthest);
-    let (spread_of_parallel, width_of_parallel) =
-        (SPREAD_OF_PARALLEL * longest, WIDTH_OF_PARALLEL * farthest);
-    let mut near = [0u32; PACKET];
-    for i in 0..PACKET {
-        let turned = max(
-            (d[0][i] - d[0][0]).abs(),
-            max((d[1][i] - d[1][0]).abs(), (d[2][i] - d[2][0]).abs()),
-        );
-        let moved = max(
-            (o[0][i] - o[0][0]).abs(),
-            max((o[1][i] - o[1][0]).abs(), (o[2][i] - o[2][0]).abs()),
-        );
-        let close = (turned <= spread) & (moved <= width)
-            | (turned <= spread_of_parallel) & (moved <= width_of_parallel);
-        near[i] = u32::from(close) & world_rays.sound[i];
-    }
-    // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-    (lanes - unsafe { K::equal(&near, 1) }).is_empty()
-}
-
-/// The longest component.
-fn most(v: &[f32; 3]) -> f32 {
-    v.iter().fold(0f32, |most, c| most.max(c.abs()))
+    let [x, y, z] = &rays.direction;
+    let most = set_up::SPREAD * set_up::most(&[x[first], y[first], z[first]]);
+    let turned = |row: &Lanes| (row[last] - row[first]).abs() <= most;
+    turned(x) && turned(y) && turned(z)
 }
 
 /// # Safety
@@ -205,15 +185,11 @@ unsafe fn trace_packet<K: PacketKernel>(
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
 ) -> Progress {
-    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
-    // instruction set.
-    if !unsafe { are_alike::<K>(rays, lanes) } {
-        return Progress::Singly;
-    }
-    let world_rays = WorldRays::new(rays, lanes);
-    // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with the
-    // instruction set.
-    if !unsafe { cohere::<K>(&world_rays, lanes) } {
+    let filled = (lanes != LaneMask::ALL).then(|| rays.filled(lanes));
+    let rays = filled.as_ref().unwrap_or(rays);
+    // SAFETY: the caller guarantees a machine with the instruction set.
+    let v = unsafe { K::V::new() };
+    if !(rays.are_alike() && set_up::cohere(v, rays, lanes)) {
         return Progress::Singly;
     }
     let first = lanes.first();
@@ -232,7 +208,6 @@ unsafe fn trace_packet<K: PacketKernel>(
         any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
         patience: patience(walker),
         found: Found::new(rays),
-        world_rays,
         first,
         rays,
         has_asked: false,
@@ -243,8 +218,9 @@ unsafe fn trace_packet<K: PacketKernel>(
         let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
         // the instruction set.
-        if !unsafe { K::set_up_top(ways, &packet.world_rays, origin_error, lanes) } {
-            return Progress::Singly;
+        let alike = unsafe { K::set_up_top(ways, rays, origin_error, lanes) };
+        if alike != lanes {
+            return Progress::apart(alike);
         }
         walker.packet.top.start(lanes);
     }
@@ -263,13 +239,14 @@ unsafe fn resume_packet<K: PacketKernel>(
     suspended: &mut Suspended,
 ) -> Progress {
     let started = suspended.started;
+    let filled = (started != LaneMask::ALL).then(|| rays.filled(started));
+    let rays = filled.as_ref().unwrap_or(rays);
     let first = started.first();
     let mut packet = Packet {
         lanes: suspended.lanes - suspended.ended,
         any: suspended.any,
         patience: suspended.patience,
         found: suspended.found.clone(),
-        world_rays: WorldRays::new(rays, started),
         first: rays.ray(first),
         rays,
         has_asked: true,
@@ -286,14 +263,7 @@ unsafe fn resume_packet<K: PacketKernel>(
         let origin_error = walker.top.structure.origin_error();
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
         // the instruction set.
-        unsafe {
-            K::set_up_top(
-                &mut walker.packet.ways,
-                &packet.world_rays,
-                origin_error,
-                started,
-            )
-        };
+        unsafe { K::set_up_top(&mut walker.packet.ways, rays, origin_error, started) };
         walker.packet.top.restore(&suspended.top);
     }
     if let Some((index, lanes)) = suspended.instance {
@@ -329,8 +299,15 @@ unsafe fn resume_packet<K: PacketKernel>(
     unsafe { packet.go::<K>(walker, hits, None) }
 }
 
+/// Lanes with this word.
+#[inline(always)]
+fn equal<V: Vector>(v: V, row: &Words, word: u32) -> LaneMask {
+    !LaneMask::from_bits(v.ne_i(v.load_i(row), v.splat_i(word as i32)))
+}
+
 /// Rays on their way.
 struct Packet<'a> {
+    /// In lanes without one, the first.
     rays: &'a RayRows,
     /// One of them, for what they have in common.
     first: Ray,
@@ -339,7 +316,6 @@ struct Packet<'a> {
     any: bool,
     patience: u32,
     found: Found,
-    world_rays: WorldRays,
     /// Shaders have decided on candidates: there is no way back.
     has_asked: bool,
     /// Keeps them while shaders decide.
@@ -375,14 +351,16 @@ impl Packet<'_> {
         let live = self.live();
         let fetches_ahead = structure.node_count() > LARGE;
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        let (t, t_far) = unsafe { (K::load(&self.found.t), K::greatest(&self.found.t, live)) };
+        let v = unsafe { K::V::new() };
+        let t = load_row(v, &self.found.t);
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+        let t_far = unsafe { K::greatest(t, live) };
         while *length > 0 && !live.is_empty() && self.patience > 0 {
             self.patience -= 1;
             *length -= 1;
             let entry = entries[*length];
-            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-            let near_enough = unsafe { K::at_least(t, entry.near()) };
-            let here = lanes[*length] & live & near_enough;
+            let near_enough = v.ge(t, v.splat(entry.near()));
+            let here = lanes[*length] & live & LaneMask::from_bits(near_enough);
             if here.is_empty() {
                 continue;
             }
@@ -409,8 +387,7 @@ impl Packet<'_> {
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize % WIDTH;
                 rest &= rest - 1;
-                // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-                let mask = unsafe { K::test_box(rays, node, child, t) } & here;
+                let mask = rays.test_box(v, node, child, t) & here;
                 if mask.is_empty() {
                     continue;
                 }
@@ -472,6 +449,8 @@ impl Packet<'_> {
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     unsafe fn finish<K: PacketKernel>(&self, hits: &mut HitRows, top: &Level) -> Progress {
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+        let v = unsafe { K::V::new() };
         self.open(hits);
         let found = &self.found;
         let mut rest = found.hit;
@@ -486,8 +465,7 @@ impl Packet<'_> {
         blend(&mut hits.instance_index, &found.instances, rest);
         while !rest.is_empty() {
             let first = rest.first();
-            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-            let there = unsafe { K::equal(&found.instances, found.instances[first]) } & rest;
+            let there = equal(v, &found.instances, found.instances[first]) & rest;
             rest -= there;
             let Some((facts, structure)) = self.place(first, top) else {
                 continue;
@@ -498,8 +476,7 @@ impl Packet<'_> {
             let (mut geometry, mut primitive) = structure.identity(slot);
             let kinds = [false, true].map(|front| facts.hit_kind(front));
             // Neighbours often hit the same.
-            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-            if unsafe { K::equal(&found.slots, slot) } & there == there {
+            if equal(v, &found.slots, slot) & there == there {
                 hits.set_opaque_triangles(there, found.front, geometry, primitive, kinds);
                 continue;
             }

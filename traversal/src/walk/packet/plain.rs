@@ -2,27 +2,28 @@
 //! vectors, and leaves one ray after the other.
 
 use lanes::LaneMask;
+use lanes::vector::{self, Vector};
 
 use super::candidates::{CandidateSearch, MetTriangle, in_full};
 use super::kernel::{PacketKernel, compiled};
-use super::rays::{Rays, STEEP};
+use super::rays::Rays;
 #[cfg(target_arch = "x86_64")]
 use super::vectors;
 use super::{Packet, Stack, portable};
 use crate::layout::{GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child};
 use crate::structure::Structure;
+use crate::walk::Walker;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
 use crate::walk::level_ray::{max, min};
-use crate::walk::level_rays::{AXIS, ROW, WorldRays};
+use crate::walk::level_rays::{AXIS, ROW};
 use crate::walk::micromap::{Seen, opacity_at};
-use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+use crate::walk::rows::{HitRows, RayRows};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 use crate::walk::triangle::Intersection;
-use crate::walk::{PACKET, Walker};
 
 /// The baseline that every machine has.
 pub(super) struct PortablePackets;
@@ -96,24 +97,6 @@ fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> (Eigh
         };
     }
     test_planes(rays, near_planes.each_ref(), far_planes.each_ref(), t_far)
-}
-
-/// As with AVX-512.
-#[inline(always)]
-fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: &Lanes) -> (Lanes, Lanes) {
-    let (child, level_rays) = (child % WIDTH, &rays.level_rays);
-    let (mut near, mut far) = (level_rays.t_min, *t_far);
-    for k in 0..3 {
-        let row = rays.near_rows[k] / ROW as usize % 6;
-        let (first, last) = (node.bound(row, child), node.bound(row ^ 1, child));
-        for i in 0..PACKET {
-            let enter = (level_rays.origin[k][i] - first) * level_rays.near_inverse[k][i];
-            let leave = (level_rays.far_origin[k][i] - last) * level_rays.far_inverse[k][i];
-            near[i] = max(enter, near[i]);
-            far[i] = min(leave, far[i]);
-        }
-    }
-    (near, far)
 }
 
 /// Tests opaque triangles of a leaf, one ray after the other.
@@ -344,17 +327,12 @@ unsafe fn next_candidates<K: Kernel>(
 }
 
 macro_rules! plain {
-    ($name:ident, $kernel:ty, $rows:ident $(, #[$feature:meta])?) => {
+    ($name:ident, $kernel:ty, $vector:ty, $rows:ident $(, #[$feature:meta])?) => {
         impl PacketKernel for $name {
-            type Row = Lanes;
+            type V = $vector;
 
             #[inline(always)]
-            unsafe fn load(row: &Lanes) -> Lanes {
-                *row
-            }
-
-            #[inline(always)]
-            unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
+            unsafe fn least(row: <$vector as Vector>::F, lanes: LaneMask) -> f32 {
                 // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
@@ -363,40 +341,11 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
+            unsafe fn greatest(row: <$vector as Vector>::F, lanes: LaneMask) -> f32 {
                 // SAFETY: the caller guarantees that the machine has the instruction set.
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::greatest(row, lanes)
-                }
-            }
-
-            #[inline(always)]
-            unsafe fn at_least(row: Lanes, number: f32) -> LaneMask {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::sixteen_not_greater(&[number; PACKET], &row)
-                }
-            }
-
-            #[inline(always)]
-            unsafe fn equal(row: &Words, word: u32) -> LaneMask {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::equal(row, word)
-                }
-            }
-
-            #[inline(always)]
-            unsafe fn flat(inverses: &Lanes) -> LaneMask {
-                // The last number below.
-                const LAST: f32 = f32::from_bits(STEEP.to_bits() - 1);
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::sixteen_not_greater(&inverses.map(f32::abs), &[LAST; PACKET])
                 }
             }
 
@@ -423,16 +372,6 @@ macro_rules! plain {
                 #[allow(unused_unsafe)]
                 unsafe {
                     $rows::eight_not_greater(&near, &far)
-                }
-            }
-
-            #[inline(always)]
-            unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Lanes) -> LaneMask {
-                let (near, far) = test_box(rays, node, child, &t_far);
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::sixteen_not_greater(&near, &far)
                 }
             }
 
@@ -487,6 +426,7 @@ macro_rules! plain {
 plain!(
     PortablePackets,
     crate::walk::portable::PortableKernel,
+    vector::Portable,
     portable
 );
 
@@ -494,6 +434,7 @@ plain!(
 plain!(
     Avx2Packets,
     crate::walk::avx::Avx<false>,
+    vector::Avx2,
     vectors,
     #[target_feature(enable = "avx2,bmi1,bmi2")]
 );

@@ -3,9 +3,9 @@
 use lanes::LaneMask;
 
 use crate::walk::level_ray::{max, min};
-use crate::walk::rows::{Lanes, Words};
+use crate::walk::rows::Lanes;
 
-/// Lanes in which a number is not greater than another.
+/// Which numbers are not greater than others.
 #[inline(always)]
 fn not_greater<const N: usize>(numbers: &[f32; N], others: &[f32; N]) -> u32 {
     let mut lanes = 0;
@@ -21,21 +21,9 @@ pub(super) fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) -> u32 {
     not_greater(numbers, others)
 }
 
-/// Lanes in which a number is not greater than another.
-#[inline(always)]
-pub(super) fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> LaneMask {
-    LaneMask::from_bits(not_greater(numbers, others) as u16)
-}
-
-/// Lanes with this word.
-#[inline(always)]
-pub(super) fn equal(row: &Words, word: u32) -> LaneMask {
-    LaneMask::holding(row, word)
-}
-
 /// The numbers of some lanes, and something else in the others.
 #[inline(always)]
-fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> Lanes {
+fn pick(row: Lanes, lanes: LaneMask, other: f32) -> Lanes {
     std::array::from_fn(|lane| match lanes.contains(lane) {
         true => row[lane],
         false => other,
@@ -55,12 +43,12 @@ fn reduce(mut row: Lanes, join: impl Fn(f32, f32) -> f32) -> f32 {
 
 /// The least number of some lanes.
 #[inline(always)]
-pub(super) fn least(row: &Lanes, lanes: LaneMask) -> f32 {
+pub(super) fn least(row: Lanes, lanes: LaneMask) -> f32 {
     reduce(pick(row, lanes, f32::INFINITY), min)
 }
 
 /// The greatest number of some lanes.
 #[inline(always)]
-pub(super) fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
+pub(super) fn greatest(row: Lanes, lanes: LaneMask) -> f32 {
     reduce(pick(row, lanes, f32::NEG_INFINITY), max)
 }

@@ -3,11 +3,12 @@
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
-#[cfg(target_arch = "x86_64")]
 use lanes::LaneMask;
+use lanes::vector::Vector;
 
 #[cfg(target_arch = "x86_64")]
-use crate::layout::{NodeAt, TriangleGroup, WIDTH};
+use crate::layout::TriangleGroup;
+use crate::layout::{NodeAt, WIDTH};
 use crate::walk::PACKET;
 use crate::walk::group_hits::GroupHits;
 #[cfg(target_arch = "x86_64")]
@@ -15,6 +16,7 @@ use crate::walk::level_rays::AXIS;
 use crate::walk::level_rays::{LevelRays, ROW};
 #[cfg(target_arch = "x86_64")]
 use crate::walk::rows::Lanes;
+use crate::walk::rows::load_row;
 
 /// Inverses of directions that are not along a plane.
 pub(super) const STEEP: f32 = 1.0e30;
@@ -76,6 +78,36 @@ impl Rays {
         hits: [GroupHits::NONE; PACKET],
         hits_of: 0,
     };
+
+    /// Which rays meet a child's box before `t_far`.
+    #[inline(always)]
+    pub(super) fn test_box<V: Vector>(
+        &self,
+        v: V,
+        node: NodeAt<'_>,
+        child: usize,
+        t_far: V::F,
+    ) -> LaneMask {
+        let (child, level_rays) = (child % WIDTH, &self.level_rays);
+        let mut near = load_row(v, &level_rays.t_min);
+        let mut far = t_far;
+        for k in 0..3 {
+            let row = self.near_rows[k] / ROW as usize % 6;
+            let first = v.splat(node.bound(row, child));
+            let last = v.splat(node.bound(row ^ 1, child));
+            let enter = v.mul(
+                v.sub(load_row(v, &level_rays.origin[k]), first),
+                load_row(v, &level_rays.near_inverse[k]),
+            );
+            let leave = v.mul(
+                v.sub(load_row(v, &level_rays.far_origin[k]), last),
+                load_row(v, &level_rays.far_inverse[k]),
+            );
+            near = v.max(enter, near);
+            far = v.min(leave, far);
+        }
+        LaneMask::from_bits(v.ge(far, near))
+    }
 
     /// Whether near planes of one of the rays' axes are the upper ones.
     #[inline]
@@ -167,31 +199,5 @@ impl Rays {
             (near_planes[k], far_planes[k]) = if upper { (high, low) } else { (low, high) };
         }
         self.test_planes(near_planes, far_planes, t_far).0
-    }
-
-    /// Which rays meet a child's box before `t_far`.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn test_box(&self, node: NodeAt<'_>, child: usize, t_far: __m512) -> LaneMask {
-        let child = child % WIDTH;
-        let level_rays = &self.level_rays;
-        let mut near = load(&level_rays.t_min);
-        let mut far = t_far;
-        for k in 0..3 {
-            let row = self.near_rows[k] / ROW as usize % 6;
-            let first = _mm512_set1_ps(node.bound(row, child));
-            let last = _mm512_set1_ps(node.bound(row ^ 1, child));
-            let enter = _mm512_mul_ps(
-                _mm512_sub_ps(load(&level_rays.origin[k]), first),
-                load(&level_rays.near_inverse[k]),
-            );
-            let leave = _mm512_mul_ps(
-                _mm512_sub_ps(load(&level_rays.far_origin[k]), last),
-                load(&level_rays.far_inverse[k]),
-            );
-            near = _mm512_max_ps(enter, near);
-            far = _mm512_min_ps(leave, far);
-        }
-        LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far))
     }
 }

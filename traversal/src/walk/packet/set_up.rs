@@ -1,101 +1,349 @@
-//! Sets up the rays of a packet for one level.
+//! Sets up the rays of a packet for one level: in the registers of the instruction set, sixteen
+//! rays at once.
+//!
+//! Along each axis the rays of a packet have directions other than 0 and of one sign, and all are
+//! longest along one axis. So what `LevelRays` has for other rays is not needed here.
 
 use lanes::LaneMask;
+use lanes::vector::Vector;
 
 use super::kernel::PacketKernel;
-use super::rays::Rays;
-use crate::layout::InstanceRecord;
-use crate::walk::level_ray::MARGIN;
-use crate::walk::level_rays::{ROW, WorldRays};
+use super::rays::{Rays, STEEP};
+use crate::layout::{InstanceRecord, instance_state};
+use crate::walk::PACKET;
+use crate::walk::level_ray::{MARGIN, MODEST};
+use crate::walk::level_rays::{AXIS, INFINITE, LevelRays, ROW, longest};
+use crate::walk::rows::{Lanes, RayRows, bits_of_mut, load_row};
+
+/// Directions differ by at most this, relative to the longest component.
+pub(super) const SPREAD: f32 = 0.125;
+
+/// Origins differ by at most this, relative to their distance from the origin of space.
+const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
+
+/// The same for directions and origins of rays that are nearly parallel: to one light far away, for
+/// instance.
+const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
+const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
+
+/// The bits of a number but its sign.
+const SIZE: i32 = i32::MAX;
+
+#[inline(always)]
+fn store<V: Vector>(v: V, numbers: V::F, row: &mut Lanes) {
+    v.store(numbers, bits_of_mut(row));
+}
+
+/// The bits of numbers without their signs: in the order of sizes, NaN last.
+#[inline(always)]
+fn sizes<V: Vector>(v: V, numbers: V::F) -> V::I {
+    v.and_i(v.bits_of(numbers), v.splat_i(SIZE))
+}
+
+#[inline(always)]
+fn negated<V: Vector>(v: V, numbers: V::F) -> V::F {
+    v.bits_to_f(v.xor_i(v.bits_of(numbers), v.splat_i(i32::MIN)))
+}
+
+/// Lanes whose word is less than a constant; all are positive.
+#[inline(always)]
+fn less<V: Vector>(v: V, words: V::I, constant: u32) -> LaneMask {
+    let constant = v.splat_i(constant as i32);
+    LaneMask::from_bits(v.ne_i(v.max_i(words, constant), words))
+}
+
+/// How far vectors are from the first one, along the axis where they are farthest.
+#[inline(always)]
+fn distance_from_first<V: Vector>(v: V, rows: &[Lanes; 3]) -> V::F {
+    let [x, y, z] = [
+        v.sub(load_row(v, &rows[0]), v.splat(rows[0][0])),
+        v.sub(load_row(v, &rows[1]), v.splat(rows[1][0])),
+        v.sub(load_row(v, &rows[2]), v.splat(rows[2][0])),
+    ];
+    let [x, y, z] = [
+        v.bits_to_f(sizes(v, x)),
+        v.bits_to_f(sizes(v, y)),
+        v.bits_to_f(sizes(v, z)),
+    ];
+    v.max(x, v.max(y, z))
+}
+
+/// The size of the greatest of some vectors' components.
+#[inline(always)]
+fn greatest_sizes<V: Vector>(v: V, [x, y, z]: [V::F; 3]) -> V::I {
+    v.max_i(sizes(v, x), v.max_i(sizes(v, y), sizes(v, z)))
+}
+
+#[inline(always)]
+fn load_three<V: Vector>(v: V, rows: &[Lanes; 3]) -> [V::F; 3] {
+    [
+        load_row(v, &rows[0]),
+        load_row(v, &rows[1]),
+        load_row(v, &rows[2]),
+    ]
+}
+
+/// The longest component.
+#[inline]
+pub(super) fn most(vector: &[f32; 3]) -> f32 {
+    vector.iter().fold(0f32, |most, c| most.max(c.abs()))
+}
+
+/// Lanes whose number is at most another.
+#[inline(always)]
+fn at_most<V: Vector>(v: V, numbers: V::F, most: f32) -> u16 {
+    v.ge(v.splat(most), numbers)
+}
+
+/// Whether all of some rays, those of `lanes` and others like the first, are rays that can hit
+/// anything, start near each other (by the size of their distances from the origin of space), and
+/// go the same way.
+#[inline(always)]
+pub(super) fn cohere<V: Vector>(v: V, rays: &RayRows, lanes: LaneMask) -> bool {
+    let (o, d) = (&rays.origin, &rays.direction);
+    let longest = most(&[d[0][0], d[1][0], d[2][0]]);
+    let farthest = most(&[o[0][0], o[1][0], o[2][0]]);
+    let turned = distance_from_first(v, d);
+    let moved = distance_from_first(v, o);
+    let close = at_most(v, turned, SPREAD * longest) & at_most(v, moved, WIDTH_OF_BEAM * farthest)
+        | at_most(v, turned, SPREAD_OF_PARALLEL * longest)
+            & at_most(v, moved, WIDTH_OF_PARALLEL * farthest);
+    let sizes = v.max_i(
+        greatest_sizes(v, load_three(v, o)),
+        greatest_sizes(v, load_three(v, d)),
+    );
+    let has_length = v.ge(load_row(v, &rays.t_max), load_row(v, &rays.t_min));
+    (lanes - (less(v, sizes, INFINITE) & LaneMask::from_bits(close & has_length))).is_empty()
+}
+
+/// Three rows of numbers times the 3 × 3 part of a row-major 3 × 4 matrix.
+#[inline(always)]
+fn turn<V: Vector>(v: V, m: &[f32; 12], [x, y, z]: [V::F; 3]) -> [V::F; 3] {
+    let mut turned = [x, y, z];
+    for (row, turned) in turned.iter_mut().enumerate() {
+        let of_x = v.mul(v.splat(m[4 * row]), x);
+        let of_y = v.mul(v.splat(m[4 * row + 1]), y);
+        let of_z = v.mul(v.splat(m[4 * row + 2]), z);
+        *turned = v.add(v.add(of_x, of_y), of_z);
+    }
+    turned
+}
+
+/// Lanes whose directions have their longest component along an axis.
+#[inline(always)]
+fn longest_along<V: Vector>(v: V, axis: usize, d: [V::F; 3]) -> LaneMask {
+    let [x, y, z] = [
+        v.bits_to_f(sizes(v, d[0])),
+        v.bits_to_f(sizes(v, d[1])),
+        v.bits_to_f(sizes(v, d[2])),
+    ];
+    let is_x = v.gt(x, y) & v.gt(x, z);
+    let is_y = v.ge(y, x) & v.gt(y, z);
+    LaneMask::from_bits(match axis {
+        0 => is_x,
+        1 => is_y,
+        _ => !(is_x | is_y),
+    })
+}
+
+/// The own axes of rays that go the way of one with a direction, and which go that way.
+#[inline(always)]
+fn way<V: Vector>(v: V, d: [V::F; 3], direction: [f32; 3]) -> ([usize; 3], LaneMask) {
+    let own_axes = match longest(direction[0], direction[1], direction[2]) {
+        (true, _) => [1, 2, 0],
+        (_, true) => [2, 0, 1],
+        _ => [0, 1, 2],
+    };
+    let zero = v.splat(0.0);
+    let mut alike = longest_along(v, own_axes[2], d);
+    let negative = [v.gt(zero, d[0]), v.gt(zero, d[1]), v.gt(zero, d[2])];
+    for axis in 0..3 {
+        let negative = LaneMask::from_bits(negative[axis]);
+        alike &= match direction[axis] < 0.0 {
+            true => negative,
+            false => !negative,
+        };
+    }
+    let own_axes = match direction[own_axes[2]] < 0.0 {
+        true => [own_axes[1], own_axes[0], own_axes[2]],
+        false => own_axes,
+    };
+    (own_axes, alike)
+}
+
+/// Sets up what tests of triangles need, with the inverse of directions along the longest axis.
+/// Returns which rays are of ordinary length.
+#[inline(always)]
+fn set_up_shear<V: Vector>(
+    v: V,
+    level_rays: &mut LevelRays,
+    own_axes: [usize; 3],
+    inverse: V::F,
+) -> LaneMask {
+    let direction_z = load_row(v, &level_rays.space_direction[own_axes[2]]);
+    for k in 0..2 {
+        let direction = load_row(v, &level_rays.space_direction[own_axes[k]]);
+        store(v, v.div(direction, direction_z), &mut level_rays.shear[k]);
+    }
+    store(v, negated(v, inverse), &mut level_rays.inverse_z);
+    store(v, negated(v, direction_z), &mut level_rays.direction_z);
+    let length = v.bits_to_f(sizes(v, direction_z));
+    let is_short = v.ge(v.splat(*MODEST.end()), length);
+    LaneMask::from_bits(v.ge(length, v.splat(*MODEST.start())) & is_short)
+}
+
+/// Origins for near and for far planes, so that boxes are larger by an error relative to the size
+/// of the origin.
+#[inline(always)]
+fn widened<V: Vector>(
+    v: V,
+    origin: V::F,
+    size: V::F,
+    error: Option<f32>,
+    is_backward: bool,
+) -> (V::F, V::F) {
+    let Some(error) = error else {
+        return (origin, origin);
+    };
+    let toward = v.mul(size, v.splat(if is_backward { -error } else { error }));
+    (v.add(origin, toward), v.sub(origin, toward))
+}
 
 impl Rays {
-    /// Sets the rays of `lanes` up for a top level; false if they are not alike.
+    /// Sets the rays of `lanes` up for a top level. Returns those that go the way of the first, or
+    /// none if the set-up is not for some; unless these are all, there is no set-up.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     pub unsafe fn set_up_top<K: PacketKernel>(
         &mut self,
-        world_rays: &WorldRays,
+        rays: &RayRows,
         origin_error: f32,
         lanes: LaneMask,
-    ) -> bool {
-        self.level_rays.start_top(world_rays);
+    ) -> LaneMask {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        unsafe { self.set_up::<K>(world_rays, Some(origin_error), lanes) }
+        unsafe {
+            let v = K::V::new();
+            let (o, d) = (load_three(v, &rays.origin), load_three(v, &rays.direction));
+            self.set_up::<K>((o, d), &rays.t_min, Some(origin_error), lanes)
+        }
     }
 
-    /// Sets the rays of `lanes` up for an instance; false if they are not alike.
+    /// The same for an instance that does not move.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     pub unsafe fn set_up_instance<K: PacketKernel>(
         &mut self,
-        world_rays: &WorldRays,
+        rays: &RayRows,
         record: &InstanceRecord,
         lanes: LaneMask,
-    ) -> bool {
-        self.level_rays.start_instance(world_rays, record);
+    ) -> LaneMask {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        unsafe { self.set_up::<K>(world_rays, None, lanes) }
+        unsafe {
+            let v = K::V::new();
+            let (mut o, mut d) = (load_three(v, &rays.origin), load_three(v, &rays.direction));
+            if record.words.state & instance_state::IDENTITY == 0 {
+                // As `Level::place` does.
+                let (to_world, to_object) = (&record.object_to_world, &record.world_to_object);
+                let from = [
+                    v.sub(o[0], v.splat(to_world[3])),
+                    v.sub(o[1], v.splat(to_world[7])),
+                    v.sub(o[2], v.splat(to_world[11])),
+                ];
+                (o, d) = (turn(v, to_object, from), turn(v, to_object, d));
+            }
+            self.set_up::<K>((o, d), &rays.t_min, None, lanes)
+        }
     }
 
-    /// Sets rays up that `LevelRays` has taken, and finds what they have in common.
+    /// Sets rays up that are in the space of a level, and finds what they have in common: returns
+    /// what [`Self::set_up_top`] does. `origin_error`: by how much to make boxes larger in a top
+    /// level, relative to how far from the origin of space rays start.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     unsafe fn set_up<K: PacketKernel>(
         &mut self,
-        world_rays: &WorldRays,
+        (o, d): ([<K::V as Vector>::F; 3], [<K::V as Vector>::F; 3]),
+        t_min: &Lanes,
         origin_error: Option<f32>,
         lanes: LaneMask,
-    ) -> bool {
+    ) -> LaneMask {
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+        let v = unsafe { K::V::new() };
         self.hits_of = 0;
         let first = lanes.first();
-        let ways = self.level_rays.ways();
-        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        if unsafe { K::equal(&ways, ways[first]) } & lanes != lanes {
-            return false;
+        let level_rays = &mut self.level_rays;
+        for axis in 0..3 {
+            store(v, o[axis], &mut level_rays.space_origin[axis]);
+            store(v, d[axis], &mut level_rays.space_direction[axis]);
         }
-        let sound = self.level_rays.set_up_together(world_rays, first);
-        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        if unsafe { K::equal(&sound, 1) } & lanes != lanes {
-            return false;
+        let space = &level_rays.space_direction;
+        let direction = [space[0][first], space[1][first], space[2][first]];
+        let (own_axes, alike) = way(v, d, direction);
+        let alike = alike & lanes;
+        if alike != lanes {
+            return alike;
         }
-        if let Some(origin_error) = origin_error {
-            self.level_rays.widen(world_rays, origin_error);
+        if !(lanes - less(v, greatest_sizes(v, o), INFINITE)).is_empty() {
+            return LaneMask::NONE;
         }
-        let (level_rays, interval) = (&self.level_rays, &mut self.interval);
-        let mut flat = lanes;
+        let reach = v.bits_to_f(greatest_sizes(v, o));
+        let interval = &mut self.interval;
+        let (mut steepest, mut inverse) = (v.splat_i(0), v.splat(0.0));
         for k in 0..3 {
-            let row = level_rays.near_rows[k][first];
-            self.near_rows[k] = row as usize;
-            self.axes[k] = level_rays.axes[k][first] as usize;
-            let upper = row & ROW != 0;
-            let (origin, far_origin) = (&level_rays.origin[k], &level_rays.far_origin[k]);
-            let inverse = &level_rays.near_inverse[k];
+            let axis: usize = own_axes[k];
+            let is_backward = direction[axis] < 0.0;
+            let row = axis * 2 * ROW as usize + if is_backward { ROW as usize } else { 0 };
+            (self.near_rows[k], self.axes[k]) = (row, axis * AXIS as usize);
+            level_rays.near_rows[k] = [row as u32; PACKET];
+            level_rays.axes[k] = [axis as u32 * AXIS; PACKET];
+            let origin = load_row(v, &level_rays.space_origin[axis]);
+            inverse = v.div(v.splat(1.0), load_row(v, &level_rays.space_direction[axis]));
+            let near_inverse = v.mul(inverse, v.splat(-(1.0 - MARGIN)));
+            let far_inverse = v.mul(inverse, v.splat(-(1.0 + MARGIN)));
+            steepest = v.max_i(steepest, sizes(v, near_inverse));
+            store(v, near_inverse, &mut level_rays.near_inverse[k]);
+            store(v, far_inverse, &mut level_rays.far_inverse[k]);
+            let (near, far) = widened(v, origin, reach, origin_error, is_backward);
+            store(v, near, &mut level_rays.origin[k]);
+            store(v, far, &mut level_rays.far_origin[k]);
+            // Rays of a camera have one origin.
+            let one = level_rays.origin[k][first];
+            let others = v.ne_i(v.bits_of(near), v.bits_of(v.splat(one)));
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let [low, high] = unsafe {
-                flat &= K::flat(inverse);
-                (interval.near_origin[k], interval.far_origin[k]) = match upper {
-                    true => (K::least(origin, lanes), K::greatest(far_origin, lanes)),
-                    false => (K::greatest(origin, lanes), K::least(far_origin, lanes)),
+                (interval.near_origin[k], interval.far_origin[k]) = match (others, is_backward) {
+                    (0, _) => (one, level_rays.far_origin[k][first]),
+                    (_, true) => (K::least(near, lanes), K::greatest(far, lanes)),
+                    (_, false) => (K::greatest(near, lanes), K::least(far, lanes)),
                 };
-                [K::least(inverse, lanes), K::greatest(inverse, lanes)]
+                [
+                    K::least(near_inverse, lanes),
+                    K::greatest(near_inverse, lanes),
+                ]
             };
             interval.near_inverse[k] = [low, high];
             // Those of far planes are larger by two margins and some roundings.
             let wider = 1.0 + 4.0 * MARGIN;
-            interval.far_inverse[k] = if upper {
-                [low, high * wider]
-            } else {
-                [low * wider, high]
+            interval.far_inverse[k] = match is_backward {
+                true => [low, high * wider],
+                false => [low * wider, high],
             };
         }
+        let is_modest = set_up_shear(v, level_rays, own_axes, inverse);
+        let t_min = v.max(load_row(v, t_min), v.splat(0.0));
+        store(v, t_min, &mut level_rays.t_min);
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        interval.t_min = unsafe { K::least(&level_rays.t_min, lanes) };
-        flat == lanes
+        interval.t_min = unsafe { K::least(t_min, lanes) };
+        let is_sound = less(v, steepest, STEEP.to_bits()) & is_modest;
+        match (lanes - is_sound).is_empty() {
+            true => lanes,
+            false => LaneMask::NONE,
+        }
     }
 }

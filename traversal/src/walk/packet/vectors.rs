@@ -5,23 +5,6 @@ use std::arch::x86_64::*;
 
 use lanes::LaneMask;
 
-use crate::walk::rows::{Lanes, Words};
-
-/// The halves of a row.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-unsafe fn halves(row: &Lanes) -> [__m256; 2] {
-    // SAFETY: the caller guarantees that the machine has AVX2; sixteen numbers.
-    unsafe {
-        [
-            _mm256_loadu_ps(row.as_ptr()),
-            _mm256_loadu_ps(row[8..].as_ptr()),
-        ]
-    }
-}
-
 /// Which of eight numbers are not greater than others.
 ///
 /// # Safety
@@ -38,47 +21,14 @@ pub(super) unsafe fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) ->
     }
 }
 
-/// Lanes in which a number is not greater than another.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-pub(super) unsafe fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> LaneMask {
-    // SAFETY: the caller keeps the contract of this function.
-    unsafe {
-        let ([one, next], [other, other_next]) = (halves(numbers), halves(others));
-        let low = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(one, other));
-        let high = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(next, other_next));
-        LaneMask::from_bits((low | high << 8) as u16)
-    }
-}
-
-/// Lanes with this word.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-pub(super) unsafe fn equal(row: &Words, word: u32) -> LaneMask {
-    // SAFETY: the caller guarantees that the machine has AVX2; sixteen words.
-    unsafe {
-        let word = _mm256_set1_epi32(word as i32);
-        let equal = |half: usize| {
-            let words = _mm256_loadu_si256(row[half..].as_ptr().cast());
-            _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(words, word)))
-        };
-        LaneMask::from_bits((equal(0) | equal(8) << 8) as u16)
-    }
-}
-
 /// The numbers of some lanes, and something else in the others.
 ///
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-unsafe fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> [__m256; 2] {
+unsafe fn pick(row: [__m256; 2], lanes: LaneMask, other: f32) -> [__m256; 2] {
     // SAFETY: the caller keeps the contract of this function.
     unsafe {
-        let row = halves(row);
         if lanes == LaneMask::ALL {
             return row;
         }
@@ -98,7 +48,7 @@ unsafe fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> [__m256; 2] {
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-pub(super) unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
+pub(super) unsafe fn least(row: [__m256; 2], lanes: LaneMask) -> f32 {
     // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let [low, high] = pick(row, lanes, f32::INFINITY);
@@ -117,7 +67,7 @@ pub(super) unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-pub(super) unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
+pub(super) unsafe fn greatest(row: [__m256; 2], lanes: LaneMask) -> f32 {
     // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let [low, high] = pick(row, lanes, f32::NEG_INFINITY);

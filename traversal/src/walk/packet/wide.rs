@@ -2,12 +2,12 @@
 
 use std::arch::x86_64::*;
 
-use lanes::LaneMask;
+use lanes::{LaneMask, vector};
 
 use super::Packet;
 use super::candidates;
 use super::kernel::{PacketKernel, compiled};
-use super::rays::{Rays, STEEP, load};
+use super::rays::Rays;
 use super::stack::Stack;
 use super::triangle;
 use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
@@ -16,65 +16,25 @@ use crate::walk::Walker;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
-use crate::walk::level_rays::WorldRays;
-use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+use crate::walk::rows::{HitRows, RayRows};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 
 /// AVX-512: a row is one vector.
 pub(super) struct Avx512;
 
 impl PacketKernel for Avx512 {
-    type Row = __m512;
+    type V = vector::Avx512;
 
     #[inline(always)]
-    unsafe fn load(row: &Lanes) -> __m512 {
-        // SAFETY: the caller guarantees that the machine has AVX-512.
-        unsafe { load(row) }
-    }
-
-    #[inline(always)]
-    unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
+    unsafe fn least(row: __m512, lanes: LaneMask) -> f32 {
         // SAFETY: the caller guarantees that the machine has the instruction set.
-        unsafe { _mm512_mask_reduce_min_ps(lanes.bits(), load(row)) }
+        unsafe { _mm512_mask_reduce_min_ps(lanes.bits(), row) }
     }
 
     #[inline(always)]
-    unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
+    unsafe fn greatest(row: __m512, lanes: LaneMask) -> f32 {
         // SAFETY: the caller guarantees that the machine has the instruction set.
-        unsafe { _mm512_mask_reduce_max_ps(lanes.bits(), load(row)) }
-    }
-
-    #[inline(always)]
-    unsafe fn at_least(row: __m512, number: f32) -> LaneMask {
-        // SAFETY: the caller guarantees that the machine has the instruction set.
-        unsafe {
-            LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_GE_OQ>(
-                row,
-                _mm512_set1_ps(number),
-            ))
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn equal(row: &Words, word: u32) -> LaneMask {
-        // SAFETY: the caller guarantees that the machine has the instruction set; a row has sixteen
-        // words.
-        unsafe {
-            let row = _mm512_loadu_si512(row.as_ptr().cast());
-            LaneMask::from_bits(_mm512_cmpeq_epi32_mask(row, _mm512_set1_epi32(word as i32)))
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn flat(inverses: &Lanes) -> LaneMask {
-        // SAFETY: the caller guarantees that the machine has the instruction set.
-        unsafe {
-            let size = _mm512_abs_ps(load(inverses));
-            LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(
-                size,
-                _mm512_set1_ps(STEEP),
-            ))
-        }
+        unsafe { _mm512_mask_reduce_max_ps(lanes.bits(), row) }
     }
 
     #[inline(always)]
@@ -92,12 +52,6 @@ impl PacketKernel for Avx512 {
     unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
         // SAFETY: the caller guarantees that the machine has the instruction set.
         unsafe { rays.test_triangles(groups, t_far) }
-    }
-
-    #[inline(always)]
-    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: __m512) -> LaneMask {
-        // SAFETY: the caller guarantees that the machine has the instruction set.
-        unsafe { rays.test_box(node, child, t_far) }
     }
 
     #[inline(always)]
