@@ -459,6 +459,13 @@ impl Program {
         (self.plan.points[point].site).map(|site| self.plan.sites[site.0 as usize])
     }
 
+    /// Which rows of a request are the same in all states of a dispatch that stand at a point, a bit
+    /// each: the operands that are uniform.
+    pub fn uniform_operands(&self, point: ResumePoint) -> u16 {
+        let (point, _) = self.plan.point_of(point.0);
+        self.code.uniform_operands(point)
+    }
+
     /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in
     /// the event.
     pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {

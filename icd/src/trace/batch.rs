@@ -21,7 +21,7 @@ use traversal::Walker;
 use super::Dispatch;
 use super::batch_memory::BatchMemory;
 use super::calls::{Calls, Records};
-use super::fill_plan::FillPlan;
+use super::fill_plan::{FillPlan, start_tile};
 use super::grid::Grid;
 use super::inputs::{Callee, Sources, fill};
 use super::line::{Line, LineLists};
@@ -187,8 +187,10 @@ impl<'a> Batch<'a> {
         let (plan, inputs) = (FillPlan::new(program), program.layout().inputs);
         for place in grid.tiles(index) {
             let subgroup = self.new_subgroup(raygen, Role::RayGeneration, LaneMask::ALL)?;
-            let launch = &mut self.worker.subgroups[subgroup].launch;
-            let mut lanes = grid.write_tile(place, launch);
+            let Subgroup { launch, rows, .. } = &mut self.worker.subgroups[subgroup];
+            let (tier, common) = (self.dispatch.tier, (self.layer, record));
+            let inputs = &mut rows[inputs..];
+            let mut lanes = start_tile(tier, grid, place, launch, plan.as_ref(), common, inputs);
             if let Some(mask) = &self.dispatch.mask {
                 for lane in lanes {
                     lanes.set(lane, !mask.excludes(launch.x[lane], launch.y[lane]));
@@ -203,13 +205,8 @@ impl<'a> Batch<'a> {
                 self.give_back(subgroup);
                 continue;
             }
-            match &plan {
-                Some(plan) => {
-                    let started = &mut self.worker.subgroups[subgroup];
-                    let rows = &mut started.rows[inputs..];
-                    plan.fill_launches(&started.launch, (self.layer, record), rows);
-                }
-                None => self.fill_inputs(subgroup, &[record; SUBGROUP_SIZE]),
+            if plan.is_none() {
+                self.fill_inputs(subgroup, &[record; SUBGROUP_SIZE]);
             }
             if !self.lines.is_direct {
                 self.make_ready(subgroup);

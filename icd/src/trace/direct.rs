@@ -168,6 +168,8 @@ impl Batch<'_> {
             groups.push(self.start_rays(index, lanes, trace));
         }
         self.lines.is_answered = true;
+        let point = compiled.resume_point(&self.worker.subgroups[members[0]].rows);
+        self.lines.uniform_operands = compiled.uniform_operands(point);
         self.walk_together(&mut groups)?;
         self.run_calls_in_place(members.len())?;
         self.lines.is_answered = false;

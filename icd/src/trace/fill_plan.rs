@@ -5,7 +5,7 @@ use lanes::{LaneMask, by_lane};
 use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
-use super::grid::Launches;
+use super::grid::{Grid, Launches};
 use super::rays::{Operands, RayGroup, operand};
 use crate::wave::binding_table::HANDLE_SIZE;
 use crate::wave::rows::bits_of;
@@ -72,7 +72,8 @@ impl FillPlan {
     }
 
     /// Fills the inputs of a ray generation shader's invocations, whose plan this is.
-    pub fn fill_launches(
+    #[inline(always)]
+    fn fill_launches(
         &self,
         launch: &Launches,
         (layer, record): (u32, u64),
@@ -156,5 +157,26 @@ lanes::vectors! {
     /// Fills the inputs of lanes for which the plan applies into `rows`, those of the inputs.
     pub fn fill_by_plan<V>(_v, plan: &FillPlan, subject: &Subject<'_>, rows: &mut [AlignedRow]) {
         plan.fill_rows(subject, rows);
+    }
+}
+
+lanes::vectors! {
+    /// Writes where the launches of a tile's lanes are, and into `rows` the inputs of their
+    /// invocations, of this layer and record, if there is a plan for them. Returns which lanes are
+    /// inside the grid.
+    pub fn start_tile<V>(
+        _v,
+        grid: &Grid,
+        place: [u32; 2],
+        launch: &mut Launches,
+        plan: Option<&FillPlan>,
+        common: (u32, u64),
+        rows: &mut [AlignedRow],
+    ) -> LaneMask {
+        let lanes = grid.write_tile(place, launch);
+        if let Some(plan) = plan {
+            plan.fill_launches(launch, common, rows);
+        }
+        lanes
     }
 }

@@ -106,7 +106,7 @@ impl Grid {
     }
 
     /// Writes where the launches of a tile's lanes are; returns which are inside the grid.
-    #[inline]
+    #[inline(always)]
     pub fn write_tile(&self, place: [u32; 2], launch: &mut Launches) -> LaneMask {
         let first = [0, 1].map(|axis| place[axis] * self.tile[axis]);
         for lane in 0..SUBGROUP_SIZE {

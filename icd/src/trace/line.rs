@@ -21,6 +21,8 @@ pub struct LineLists {
     pub is_direct: bool,
     /// A line is being answered.
     pub is_answered: bool,
+    /// Operands that are the same in all subgroups of that line, a bit each.
+    pub uniform_operands: u16,
     /// Subgroups at traces and calls that are to be answered as lines.
     pub standing: Vec<SubgroupIndex>,
     /// How far subgroups of lines came in this round.
@@ -34,6 +36,7 @@ impl LineLists {
         Self {
             is_direct,
             is_answered: false,
+            uniform_operands: 0,
             standing: Vec::new(),
             noted: Vec::new(),
             noted_callees: Vec::new(),

@@ -32,6 +32,9 @@ pub mod operand {
     pub const T_MAX: usize = 14;
     /// With motion only.
     pub const TIME: usize = 15;
+
+    /// Bits of the structure, the flags and the mask.
+    pub const SETTING: u16 = 0b11 << STRUCTURE | 1 << FLAGS | 1 << CULL_MASK;
 }
 
 /// A hit that an intersection shader reported and an any-hit shader is to decide on.
@@ -137,6 +140,13 @@ impl RayGroup {
         self.procedural.as_deref()
     }
 
+    /// Whether rays differ from others by their origins, directions and intervals alone, where
+    /// these operands are uniform.
+    pub fn shares_setting(&self, uniform: u16) -> bool {
+        let setting = operand::SETTING | u16::from(self.has_time) << operand::TIME;
+        uniform & setting == setting
+    }
+
     /// Reads the rays of a trace.
     #[inline(always)]
     fn load_here(&self, operands: &Operands, dispatch: &Dispatch<'_>, rays: &mut RayRows) {
@@ -184,6 +194,25 @@ lanes::vectors! {
 }
 
 lanes::vectors! {
+    /// Reads origins, directions and intervals of rays, but the operands that are uniform.
+    pub fn load_varying_rays<V>(_v, operands: &Operands, uniform: u16, rays: &mut RayRows) {
+        let rows = [
+            (operand::ORIGIN, &mut rays.origin[..]),
+            (operand::T_MIN, std::slice::from_mut(&mut rays.t_min)),
+            (operand::DIRECTION, &mut rays.direction[..]),
+            (operand::T_MAX, std::slice::from_mut(&mut rays.t_max)),
+        ];
+        for (first, rows) in rows {
+            for (row, numbers) in (first..).zip(rows) {
+                if uniform >> row & 1 == 0 {
+                    *numbers = floats(&operands[row].0);
+                }
+            }
+        }
+    }
+}
+
+lanes::vectors! {
     /// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the
     /// miss records where there is none.
     pub fn record_indices<V>(v, hits: &HitRows, operands: &Operands) -> Row {
@@ -206,10 +235,8 @@ pub fn alike(row: &Row, lanes: LaneMask) -> LaneMask {
 pub fn shows_first_hit(operands: &Operands, lanes: LaneMask, fills_hit_object: bool) -> bool {
     let flags = &operands[operand::FLAGS].0;
     let ends = LaneMask::with_any(flags, ray_flags::TERMINATE_ON_FIRST_HIT) & lanes;
-    match fills_hit_object {
-        true => !ends.is_empty(),
-        false => !(ends - skips_closest_hit(operands)).is_empty(),
-    }
+    // Rays without it are the most.
+    !ends.is_empty() && (fills_hit_object || !(ends - skips_closest_hit(operands)).is_empty())
 }
 
 /// The address that a lane names for its top level.

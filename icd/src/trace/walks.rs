@@ -5,7 +5,9 @@ use smallvec::SmallVec;
 use traversal::{GroupWalk, GroupWalks, RayRows, Start};
 
 use super::batch::Batch;
-use super::rays::{alike, load_rays, record_indices, shows_first_hit, skips_closest_hit};
+use super::rays::{
+    alike, load_rays, load_varying_rays, record_indices, shows_first_hit, skips_closest_hit,
+};
 use super::subgroup::Role;
 use crate::wave::Stopped;
 use crate::wave::binding_table::ProgramIndex;
@@ -22,6 +24,18 @@ impl GroupWalks for Batch<'_> {
             shows_first_hit: shows_first_hit(operands, group.in_flight, group.fills_hit_object),
             shows_order: false,
         }
+    }
+
+    fn next_rays(&self, index: u32, before: Start, rays: &mut RayRows) -> Start {
+        let group = &self.worker.ray_groups[index];
+        let uniform = self.lines.uniform_operands;
+        if !group.shares_setting(uniform) {
+            return self.rays(index, rays);
+        }
+        let operands = group.operands(&self.worker.subgroups);
+        load_varying_rays(self.dispatch.tier, operands, uniform, rays);
+        let lanes = group.in_flight - group.walked_alone.unwrap_or_default();
+        Start { lanes, ..before }
     }
 
     fn group_walk(&mut self, index: u32) -> &mut GroupWalk {
@@ -171,7 +185,10 @@ impl Batch<'_> {
         let operands = group.operands(&worker.subgroups);
         let records = record_indices(self.dispatch.tier, &group.group_walk.hits, operands);
         let hits = group.group_walk.hits.found & lanes;
-        let mut silent = hits & skips_closest_hit(operands);
+        let mut silent = match hits {
+            LaneMask::NONE => hits,
+            _ => hits & skips_closest_hit(operands),
+        };
         if self.is_watched {
             self.watch_end_of_walks(index, &records);
         }

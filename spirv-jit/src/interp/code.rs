@@ -109,6 +109,8 @@ pub(super) struct ResumeTarget {
     pub function: u32,
     pub masks: u32,
     pub site: Option<SiteId>,
+    /// Operands of the site that are uniform in a dispatch, a bit each.
+    pub uniform_operands: u16,
     pub live: Live,
 }
 

@@ -123,6 +123,11 @@ impl Code {
         self.instrs.iter().filter(is_loop).count()
     }
 
+    /// Operands of the yield at a point that are uniform in a dispatch, a bit each.
+    pub fn uniform_operands(&self, point: usize) -> u16 {
+        self.points[point].uniform_operands
+    }
+
     /// The SPIR-V instruction, by its word offset, of an access through a physical pointer, and
     /// whether it writes. Accesses are known by the instruction behind them.
     pub fn physical_access(&self, behind: usize) -> Option<(u32, bool)> {

@@ -80,21 +80,23 @@ impl Plan {
     ) {
         let state = &mut state[..self.layout.rows];
         // SAFETY: a state's first row.
-        let operands = *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) };
-        // The first control row by itself: mostly it is the only one.
-        state[0] = AlignedRow([0; SUBGROUP_SIZE]);
-        zero(&mut state[1..self.layout.inputs]);
-        if operands.program == number && self.output_rows == 0 {
-            // SAFETY: a state's first row.
-            *unsafe { HeldOperands::of(state.as_mut_ptr().cast()) } = operands;
+        let held = unsafe { HeldOperands::of(state.as_mut_ptr().cast()) };
+        if held.program != number || self.output_rows != 0 {
+            *held = HeldOperands::default();
         }
+        // The first control row by itself: mostly it is the only one.
+        let (lanes, masks) = state[0].0.split_at_mut(HELD_OPERANDS);
+        lanes.copy_from_slice(&[0, active.bits().into(), helpers.bits().into(), 0]);
+        masks[CONTROL_WORDS - HELD_OPERANDS..].fill(0);
         // Rows that a program may read or return without writing them are initialized, so that runs
         // are repeatable. Operands and results of yields are written before the columns of their
         // lanes are read.
-        zero(&mut state[self.layout.io..][..self.output_rows.min(outputs)]);
-        zero(&mut state[self.private..][..self.private_rows]);
-        state[0].0[1] = active.bits().into();
-        state[0].0[2] = helpers.bits().into();
+        let outputs = self.output_rows.min(outputs);
+        if (self.layout.inputs, outputs, self.private_rows) != (1, 0, 0) {
+            zero(&mut state[1..self.layout.inputs]);
+            zero(&mut state[self.layout.io..][..outputs]);
+            zero(&mut state[self.private..][..self.private_rows]);
+        }
     }
 
     /// The save point of a state.

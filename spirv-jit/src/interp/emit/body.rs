@@ -457,6 +457,7 @@ impl<'m> Emitter<'m> {
             function: point.function,
             masks: point.masks,
             site: point.site,
+            uniform_operands: 0,
             live,
         });
         index as u32
@@ -512,6 +513,10 @@ impl<'m> Emitter<'m> {
         let after = self.new_target();
         let point = self.new_point(after);
         let first = self.list(&inst.args);
+        for (row, &arg) in inst.args.iter().take(site.fixed).enumerate() {
+            let is_uniform = u16::from(self.operand(arg).is_uniform());
+            self.code.points[point as usize].uniform_operands |= is_uniform << row;
+        }
         let handler = match site.kind {
             SiteKind::Barrier | SiteKind::BarrierArrive | SiteKind::BarrierWait => {
                 self.kernel::<yields::Barrier>()
