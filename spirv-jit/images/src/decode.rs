@@ -136,7 +136,7 @@ pub(super) struct Field {
     up: u32,
     down: u32,
     is_signed: bool,
-    is_integer: bool,
+    pub is_integer: bool,
     /// Of floats: from the field's to 16 bits.
     to_half: u32,
     divisor: Divisor,
@@ -144,8 +144,16 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Of a component that the format has, of up to 24 bits.
-    #[inline(always)]
+    /// As [`Self::of`], to a value.
+    pub(super) fn of_value(info: &FormatInfo, component: usize) -> Field {
+        let mut field = Field::of(info, component);
+        if matches!(info.numeric, Numeric::Unorm | Numeric::Srgb) {
+            field.divisor = CODES[usize::from(info.channels[component].bits) % CODES.len()];
+        }
+        field
+    }
+
+    /// Of a component that the format has, of up to 24 bits, to units (see [`block`]).
     pub(super) fn of(info: &FormatInfo, component: usize) -> Field {
         let channel = info.channels[component];
         let (offset, bits) = (channel.offset as u32, channel.bits as u32);
@@ -172,7 +180,7 @@ impl Field {
 
     /// The code, with zeros or with signs.
     #[inline(always)]
-    fn code<V: Vector>(&self, v: V, word: V::I) -> V::I {
+    pub(super) fn code<V: Vector>(&self, v: V, word: V::I) -> V::I {
         let up = v.left_i(word, self.up);
         match self.is_signed {
             true => v.right_i(up, self.down),
@@ -180,7 +188,7 @@ impl Field {
         }
     }
 
-    /// In units (see [`block`]) for [`Decoder::Fields`].
+    /// For [`Decoder::Fields`].
     #[inline(always)]
     pub(super) fn fixed<V: Vector>(&self, v: V, word: V::I) -> V::F {
         let code = self.code(v, word);

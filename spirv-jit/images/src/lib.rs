@@ -6,7 +6,9 @@
 
 mod access;
 mod address;
+mod axes;
 mod block;
+mod chunk;
 pub mod compressed;
 mod cube;
 mod decode;
@@ -14,6 +16,7 @@ pub mod execute;
 pub mod fast;
 pub mod format;
 pub mod halve;
+mod loads;
 pub mod lod;
 pub mod operands;
 pub mod plain;
@@ -26,7 +29,6 @@ mod stores;
 mod tests;
 pub mod texels;
 pub mod wave;
-mod words;
 pub mod ycbcr;
 
 pub use format::Format;

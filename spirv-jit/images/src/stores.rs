@@ -2,11 +2,11 @@
 
 use lanes::vector::Vector;
 
+use super::axes::{ImageAxis, axes, level};
 use super::format::FormatInfo;
 use super::plain::Plain;
 use super::rows::Wave;
 use super::texels;
-use super::words::{ImageAxis, axes, level};
 
 /// Components of a texel operand.
 const COMPONENTS: usize = 4;

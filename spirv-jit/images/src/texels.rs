@@ -16,49 +16,6 @@ use super::srgb;
 /// that of a 32-bit float.
 const SHARED_EXPONENT_BIAS: i32 = 127 - 15 - 9;
 
-/// The components of texels that a load is asked for, and the words of a texel that hold them.
-#[derive(Clone, Copy)]
-pub(crate) struct Wanted {
-    /// A bit a component.
-    components: u8,
-    /// A bit a word.
-    words: u8,
-}
-
-impl Wanted {
-    pub const ALL: Wanted = Wanted {
-        components: 0xf,
-        words: 0xf,
-    };
-
-    /// Of a format whose texels vectors decode.
-    pub fn new(info: &FormatInfo, components: [bool; 4]) -> Wanted {
-        let (mut wanted, mut words) = (0, 0);
-        for (index, channel) in info.channels.iter().enumerate() {
-            if components[index] {
-                wanted |= 1 << index;
-            }
-            if components[index] && channel.bits != 0 {
-                words |= 1 << (channel.offset / 32);
-            }
-        }
-        Wanted {
-            components: wanted,
-            words,
-        }
-    }
-
-    #[inline(always)]
-    pub fn has(self, component: usize) -> bool {
-        self.components >> component & 1 != 0
-    }
-
-    #[inline(always)]
-    fn has_word(self, word: usize) -> bool {
-        self.words >> word & 1 != 0
-    }
-}
-
 /// The bits of a component whose lowest bit is the word's.
 #[inline(always)]
 fn all_ones(bits: u8) -> i32 {
@@ -240,17 +197,12 @@ fn encode_ufloat<V: Vector>(v: V, number: V::F, mantissa: u32) -> V::I {
 
 /// Components from the texels' words. With `units`, those of normalised formats are left as they
 /// are before the division, where [`block::unit_scale`] is not 1. Components that the format lacks
-/// or that are not wanted are left zero.
+/// are left zero.
 #[inline(always)]
-pub(super) fn decode<V: Vector>(
-    v: V,
-    info: &FormatInfo,
-    words: &[V::I; 4],
-    wanted: Wanted,
-) -> [V::I; 4] {
+pub(super) fn decode<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
     let mut texels = [v.splat_i(0); 4];
     for (component, channel) in info.channels.iter().enumerate() {
-        if channel.bits == 0 || !wanted.has(component) {
+        if channel.bits == 0 {
             continue;
         }
         let word = match channel.offset / 32 {
@@ -506,8 +458,7 @@ unsafe fn put_odd(base: *mut u8, places: &[u32; LANES], mask: u16, rows: &Texels
     });
 }
 
-/// Loads a texel per lane, as [`block::load`] does; vectors decode the format. Components that are
-/// not wanted have no value in particular.
+/// Loads a texel per lane, as [`block::load`] does; vectors decode the format.
 ///
 /// # Safety
 /// `base + offsets` is readable for the format's size, in every lane; offsets are less than 2^31.
@@ -517,7 +468,6 @@ pub(crate) unsafe fn load<V: Vector>(
     info: &FormatInfo,
     base: *const u8,
     offsets: V::I,
-    wanted: Wanted,
 ) -> [V::I; 4] {
     let mut words = [v.splat_i(0); 4];
     let mut places = [0; LANES];
@@ -553,27 +503,7 @@ pub(crate) unsafe fn load<V: Vector>(
                 words[0] = v.gather(base, offsets);
                 words[1] = v.gather_scalars::<u16>(base.add(4), offsets);
             }
-            8 if !wanted.has_word(1) => words[0] = v.gather(base, offsets),
-            8 if !wanted.has_word(0) => words[1] = v.gather(base.add(4), offsets),
             8 => (words[0], words[1]) = v.gather_pairs(base, offsets),
-            16 if wanted.words.count_ones() <= 2 => {
-                // By constant indices: words stay in registers.
-                if wanted.has_word(0) {
-                    words[0] = v.gather(base, offsets);
-                }
-                if wanted.has_word(1) {
-                    words[1] = v.gather(base.add(4), offsets);
-                }
-                if wanted.has_word(2) {
-                    words[2] = v.gather(base.add(8), offsets);
-                }
-                if wanted.has_word(3) {
-                    words[3] = v.gather(base.add(12), offsets);
-                }
-                if info.channels[3].bits == 32 {
-                    return words;
-                }
-            }
             12 => {
                 (words[0], words[1]) = v.gather_pairs(base, offsets);
                 words[2] = v.gather(base.add(8), offsets);
@@ -583,7 +513,7 @@ pub(crate) unsafe fn load<V: Vector>(
             _ => words = v.gather_quads(base, offsets),
         }
     }
-    decode(v, info, &words, wanted)
+    decode(v, info, &words)
 }
 
 lanes::vectors! {
@@ -684,7 +614,7 @@ pub fn encode_words<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [
 #[inline(always)]
 pub fn decode_words<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
     if info.decoded_in_vectors {
-        let mut texels = decode(v, info, words, Wanted::ALL);
+        let mut texels = decode(v, info, words);
         let units = block::unit_scale(info);
         for (component, texel) in texels.iter_mut().enumerate() {
             if info.channels[component].bits == 0 {

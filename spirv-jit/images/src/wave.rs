@@ -5,13 +5,14 @@ use lanes::vector::{Portable, Vector};
 use lanes::{LANES, LaneMask, Row, quad};
 
 use super::ImageOp;
+use super::chunk::SUBGROUPS;
 use super::fast::{self, Fast};
+use super::loads;
 use super::operands::Operands;
 use super::plain::Plain;
 pub(super) use super::rows::of_one;
 pub use super::rows::{MAX_OPERANDS, Rows, Wave};
 use super::stores::Stores;
-use super::words::WordLoads;
 
 lanes::vectors! {
     /// Samples of subgroups each of which has lanes that sample.
@@ -23,13 +24,43 @@ lanes::vectors! {
         // SAFETY: the caller guarantees that the wave is as `Wave` requires, for the operation of
         // `fast`; the image's memory stays allocated during the call.
         unsafe {
-            if fast.is_of_planes::<V>() {
-                return fast.planes(v, wave);
+            // The constant alone decides: where it is false, nothing behind it is compiled.
+            if V::IS_MACHINES && fast.is_of_steps::<V>() {
+                for subgroups in wave.subgroups.chunks(SUBGROUPS) {
+                    let rest = fast.steps(v, &Wave { subgroups, ..*wave });
+                    let (mut left, mut count) = ([0; SUBGROUPS], 0);
+                    for (index, &subgroup) in subgroups.iter().enumerate() {
+                        if rest >> index & 1 == 1 {
+                            left[count] = subgroup;
+                            count += 1;
+                        }
+                    }
+                    if count != 0 {
+                        let subgroups = &left[..count];
+                        sample_each(v, fast, &Wave { subgroups, ..*wave });
+                    }
+                }
+                return;
             }
-            for index in 0..wave.subgroups.len() {
-                let values = whole(v, fast, wave, index);
-                wave.put_numbers(v, index, values);
-            }
+            sample_each(v, fast, wave);
+        }
+    }
+}
+
+/// Samples of subgroups, one by one.
+///
+/// # Safety
+/// As [`sample`].
+#[inline(always)]
+unsafe fn sample_each<V: Vector>(v: V, fast: &Fast<'_>, wave: &Wave<'_>) {
+    // SAFETY: the caller keeps the contract of `sample`.
+    unsafe {
+        if fast.is_of_planes::<V>() {
+            return fast.planes(v, wave);
+        }
+        for index in 0..wave.subgroups.len() {
+            let values = whole(v, fast, wave, index);
+            wave.put_numbers(v, index, values);
         }
     }
 }
@@ -110,27 +141,8 @@ lanes::vectors! {
     /// # Safety
     /// As [`sample`].
     pub unsafe fn load<V>(v, plain: &Plain<'_>, wave: &Wave<'_>) -> usize {
-        let wanted = plain.wanted(wave.results.map(|rows| !rows.first.is_null()));
         // SAFETY: the caller keeps the contract of `sample`.
-        unsafe {
-            if let Some(words) = WordLoads::new(plain, wave) {
-                words.load(v, wave);
-                return wave.subgroups.len();
-            }
-            for index in 0..wave.subgroups.len() {
-                let mask = wave.mask(index);
-                if mask == 0 {
-                    continue;
-                }
-                let (rows, count) = rows(wave, index);
-                let operands = Operands::new(plain.op(), &rows[..count]);
-                let Some(texel) = plain.read(v, &operands, mask, wanted) else {
-                    return index;
-                };
-                wave.put(v, index, texel);
-            }
-        }
-        wave.subgroups.len()
+        unsafe { loads::load(v, plain, wave) }
     }
 }
 

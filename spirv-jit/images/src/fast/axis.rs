@@ -38,6 +38,9 @@ impl<V: Vector> Axis<V> {
     }
 }
 
+/// The least number but one.
+const ABOVE_LEAST: f32 = f32::MIN.next_up();
+
 /// A texel's index by the mode, inside the level for any index.
 ///
 /// Here and below there are no closures: those would not be compiled for the vectors' instruction
@@ -178,7 +181,7 @@ impl Fast<'_> {
         if offset.is_some() || self.is_gather() {
             // NaN is 0 and only then moved: a periodic mode would carry any other number on, and a
             // gather takes the texel behind it.
-            first = v.keep(first, v.gt(floor, v.splat(f32::MIN)));
+            first = v.and_i(first, v.at_least(floor, v.splat(ABOVE_LEAST)));
         }
         if let Some(offset) = offset {
             let reach = address::REACH as i32;

@@ -3,8 +3,10 @@
 //! machine. Gives the same results as [`sample`](super::sample), bit for bit.
 
 mod axis;
+mod footprints;
 mod levels;
 mod planes;
+mod steps;
 mod taps;
 mod texels;
 mod whole;
@@ -69,8 +71,6 @@ pub struct Fast<'a> {
     has_border: bool,
     /// Several samples along a footprint, by derivatives.
     is_anisotropic: bool,
-    /// A gather from a plane, of a component that lies in one word.
-    gathers_words: bool,
     /// There is more to do than [`planes`] has code for: see [`Whole`].
     has_more: bool,
 }
@@ -98,21 +98,16 @@ impl<'a> Fast<'a> {
         let is_anisotropic =
             !is_gather && !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
         let decoder = Decoder::of(info);
-        let is_of_words = matches!(decoder, Decoder::Fields | Decoder::Halves | Decoder::Words)
-            && matches!(info.size_bytes, 4 | 8 | 16);
-        let gathers_words = is_gather
-            && !is_cube
-            && !op.depth_compare
-            && (has_words(info) || is_of_words && !has_border);
         let has_levels = image.level_count != 1;
         let is_nearest = !is_gather && sampler.mag_filter == Filter::Nearest;
         let is_loaded = info.decoded_in_vectors && !has_border;
         let has_more = match (is_gather, spatial) {
             (true, _) => false,
-            _ if is_cube => !(is_nearest && is_loaded) || has_levels || op.depth_compare,
+            _ if is_cube => true,
             _ if has_border => true,
-            (_, 2) => op.depth_compare && (has_levels || is_anisotropic),
-            (_, 3) => op.depth_compare || is_anisotropic || has_levels && op.lod == LodMode::Grad,
+            _ if op.depth_compare => true,
+            (_, 2) => false,
+            (_, 3) => is_anisotropic || has_levels && op.lod == LodMode::Grad,
             _ => true,
         };
         applies.then_some(Fast {
@@ -148,7 +143,6 @@ impl<'a> Fast<'a> {
             block_shift: if info.blocks().is_some() { 2 } else { 0 },
             has_border,
             is_anisotropic,
-            gathers_words,
             has_more,
         })
     }

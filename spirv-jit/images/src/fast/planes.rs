@@ -1,20 +1,17 @@
-//! Samples of 2D and 3D images without borders, comparisons in 2D images of one level, and gathers
-//! from any image, for one subgroup of a wave after the other. What the image and the sampler
-//! decide is decided before the first, most of it when this is compiled: so numbers stay in
-//! registers, and neighbours' chains of operations overlap.
+//! Samples of 2D and 3D images without borders, and gathers, for one subgroup of a wave after the
+//! other. What the image and the sampler decide is decided before the first, most of it when this
+//! is compiled: so numbers stay in registers, and neighbours' chains of operations overlap.
 
 use std::hint::assert_unchecked;
 
 use lanes::vector::{Task, Vector};
 use lanes::{Row, quad};
 
-use super::super::decode::{Decoder, Field};
 use super::super::rows::Wave;
 use super::super::{AddressMode, LodMode};
 use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};
 use super::taps::Taps;
-use super::whole::gathered_component;
 use super::{Components, Fast};
 
 /// How both coordinates are brought into a level.
@@ -38,30 +35,18 @@ mod texels {
     pub const BYTES: u8 = 0;
     /// Four bytes, sRGB, linear between them.
     pub const SRGB: u8 = 1;
-    /// Depths, compared before they are weighed.
-    pub const COMPARED: u8 = 4;
     pub const ANY: u8 = 5;
-    /// A word of each of the four texels.
-    pub const GATHERED: u8 = 6;
-    /// The nearest texel, of four bytes as in [`BYTES`] and [`SRGB`].
-    pub const NEAREST_BYTES: u8 = 7;
-    pub const NEAREST_SRGB: u8 = 8;
     /// A component, or the comparison, of the four texels of any format and dimension.
-    pub const GATHERED_ANY: u8 = 9;
+    pub const GATHERED_ANY: u8 = 6;
     /// Any format, in three dimensions.
-    pub const VOLUME: u8 = 10;
+    pub const VOLUME: u8 = 7;
     /// The nearest texel, of any format that is [`is_loaded`](super::Fast::is_loaded).
-    pub const NEAREST: u8 = 11;
+    pub const NEAREST: u8 = 8;
     /// The same in three dimensions.
-    pub const NEAREST_IN_VOLUME: u8 = 12;
-    /// The same on a cube.
-    pub const NEAREST_ON_CUBE: u8 = 13;
+    pub const NEAREST_IN_VOLUME: u8 = 9;
 
     pub const fn is_nearest(texels: u8) -> bool {
-        matches!(
-            texels,
-            NEAREST_BYTES | NEAREST_SRGB | NEAREST | NEAREST_IN_VOLUME | NEAREST_ON_CUBE
-        )
+        matches!(texels, NEAREST | NEAREST_IN_VOLUME)
     }
 
     pub const fn is_volume(texels: u8) -> bool {
@@ -87,16 +72,10 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
         let (fast, wave) = (&{ *fast }, &{ *wave });
         // SAFETY: `Fast::planes` chose this.
         unsafe {
-            if TEXELS != texels::GATHERED_ANY {
-                assert_unchecked(fast.is_cube == (TEXELS == texels::NEAREST_ON_CUBE));
-            }
-            assert_unchecked(fast.gathers_words == (TEXELS == texels::GATHERED));
-            let is_gather = matches!(TEXELS, texels::GATHERED | texels::GATHERED_ANY);
+            let is_gather = TEXELS == texels::GATHERED_ANY;
             assert_unchecked(fast.is_gather() == is_gather);
-            assert_unchecked(
-                TEXELS == texels::GATHERED_ANY
-                    || fast.op.depth_compare == (TEXELS == texels::COMPARED),
-            );
+            assert_unchecked(is_gather || !fast.is_cube);
+            assert_unchecked(is_gather || !fast.op.depth_compare);
             assert_unchecked(fast.spatial == if texels::is_volume(TEXELS) { 3 } else { 2 });
             if LEVELS == levels::ONE {
                 assert_unchecked(is_gather || !fast.has_levels());
@@ -109,19 +88,11 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                     assert_unchecked(fast.straight == (TEXELS == texels::BYTES));
                     assert_unchecked(fast.info.size_bytes == 4 && fast.block_shift == 0);
                 }
-                texels::NEAREST_BYTES | texels::NEAREST_SRGB => {
-                    assert_unchecked(fast.is_nearest && fast.bytes && !fast.has_border);
-                    assert_unchecked(fast.srgb == (TEXELS == texels::NEAREST_SRGB));
-                    assert_unchecked(fast.straight == (TEXELS == texels::NEAREST_BYTES));
-                }
-                texels::NEAREST | texels::NEAREST_IN_VOLUME | texels::NEAREST_ON_CUBE => {
+                texels::NEAREST | texels::NEAREST_IN_VOLUME => {
                     assert_unchecked(fast.is_nearest && fast.is_loaded && fast.block_shift == 0);
                 }
                 texels::ANY | texels::VOLUME if V::IS_MACHINES && LEVELS != levels::ANISOTROPIC => {
                     assert_unchecked(!(fast.is_nearest && fast.is_loaded));
-                }
-                texels::GATHERED => {
-                    assert_unchecked(!fast.is_nearest && fast.block_shift == 0);
                 }
                 _ => {}
             }
@@ -167,69 +138,6 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
                     let coordinates = &coordinates[..count];
                     let texels = fast.gathered(v, coordinates, offsets, reference, mask);
                     wave.put_numbers(v, subgroup, fast.gathered_values(v, texels));
-                    continue;
-                }
-                if TEXELS == texels::NEAREST_ON_CUBE {
-                    let (coordinates, count) = coordinates(fast, wave, subgroup);
-                    let place = fast.place(v, &coordinates[..count]);
-                    let [s, t, _] = place.coordinates;
-                    let places = [(s, None), (t, None), (s, None)];
-                    let sampled =
-                        of_level::<V, MODE, TEXELS>(fast, v, &first, place.layer, places, mask);
-                    wave.put_numbers(v, subgroup, fast.finish(v, sampled));
-                    continue;
-                }
-                if TEXELS == texels::COMPARED {
-                    let reference = fast.reference(v, wave.reference(fast.op, subgroup));
-                    let axes = axes::<V, MODE>(fast, v, &first, places, mask);
-                    let passed = match fast.has_words() && !fast.is_nearest {
-                        true => fast.compared_words(v, &first, layer, &axes, reference, mask),
-                        false => {
-                            let mut taps = Taps::new(v);
-                            fast.place_taps(v, &first, layer, &axes, &mut taps);
-                            fast.blended(v, &mut taps, Some(reference), None)[0]
-                        }
-                    };
-                    wave.put_numbers(v, subgroup, [passed; 4]);
-                    continue;
-                }
-                if TEXELS == texels::GATHERED {
-                    let [x, y, _] = &axes::<V, MODE>(fast, v, &first, places, mask);
-                    let field = gathered_field(fast);
-                    let mut words = match fast.info.size_bytes {
-                        4 => fast.four_words(v, &first, layer, [x, y], mask),
-                        _ => fast.a_word_each(v, &first, layer, [x, y]),
-                    };
-                    if fast.has_border {
-                        let border = v.splat_i(fast.gathered_border() as i32);
-                        let (columns, rows) = (x.inside, y.inside);
-                        words[0] = v.select(columns[0] & rows[0], words[0], border);
-                        words[1] = v.select(columns[1] & rows[0], words[1], border);
-                        words[2] = v.select(columns[0] & rows[1], words[2], border);
-                        words[3] = v.select(columns[1] & rows[1], words[3], border);
-                    }
-                    // (0, 1), (1, 1), (1, 0), (0, 0).
-                    let gathered = match field {
-                        Some(field) if fast.decoder == Decoder::Halves => [
-                            field.half(v, words[2], true),
-                            field.half(v, words[3], true),
-                            field.half(v, words[1], true),
-                            field.half(v, words[0], true),
-                        ],
-                        Some(field) => [
-                            field.fixed(v, words[2]),
-                            field.fixed(v, words[3]),
-                            field.fixed(v, words[1]),
-                            field.fixed(v, words[0]),
-                        ],
-                        None => [
-                            v.bits_to_f(words[2]),
-                            v.bits_to_f(words[3]),
-                            v.bits_to_f(words[1]),
-                            v.bits_to_f(words[0]),
-                        ],
-                    };
-                    wave.put_numbers(v, subgroup, fast.gathered_values(v, gathered));
                     continue;
                 }
                 if LEVELS == levels::ONE || texels::is_volume(TEXELS) && !fast.has_levels() {
@@ -295,7 +203,7 @@ impl<V: Vector, const LEVELS: u8, const MODE: u8, const TEXELS: u8> Task<V>
 /// # Safety
 /// As [`Wave::mask`].
 #[inline(always)]
-unsafe fn coordinates<'w>(
+pub(super) unsafe fn coordinates<'w>(
     fast: &Fast<'_>,
     wave: &'w Wave<'_>,
     subgroup: usize,
@@ -309,14 +217,6 @@ unsafe fn coordinates<'w>(
         }
         (coordinates, count)
     }
-}
-
-/// The part of a word that a gather takes; none where it takes words as they are.
-#[inline(always)]
-fn gathered_field(fast: &Fast<'_>) -> Option<Field> {
-    let component = gathered_component(&fast.op.kind, fast.image)?;
-    let is_part = fast.decoder != Decoder::Words && fast.info.channels[component].bits != 0;
-    is_part.then(|| Field::of(fast.info, component))
 }
 
 /// The levels that lanes sample.
@@ -501,10 +401,7 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
                     let slice = v.mul_i(slice, levels.slice_stride);
                     fast.nearest_of(v, levels, v.add_i(layer, slice), [column, row], mask)
                 }
-                texels::NEAREST | texels::NEAREST_ON_CUBE => {
-                    fast.nearest_of(v, levels, layer, [column, row], mask)
-                }
-                _ => fast.nearest_bytes(v, levels, layer, [column, row], mask),
+                _ => fast.nearest_of(v, levels, layer, [column, row], mask),
             }
         };
     }
@@ -524,40 +421,12 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
 }
 
 impl Fast<'_> {
-    /// Comparisons of depths that are words with a reference, linear between those of four texels.
-    ///
-    /// # Safety
-    /// As [`Self::weighted`].
-    #[inline(always)]
-    unsafe fn compared_words<V: Vector>(
-        &self,
-        v: V,
-        levels: &Levels<'_, V>,
-        layer: V::I,
-        [x, y, _]: &[Axis<V>; 3],
-        reference: V::F,
-        mask: u16,
-    ) -> V::F {
-        // SAFETY: the caller keeps the contract of `Self::weighted`.
-        let words = unsafe { self.four_words(v, levels, layer, [x, y], mask) };
-        let passed = [
-            self.compare(v, v.bits_to_f(words[0]), reference),
-            self.compare(v, v.bits_to_f(words[1]), reference),
-            self.compare(v, v.bits_to_f(words[2]), reference),
-            self.compare(v, v.bits_to_f(words[3]), reference),
-        ];
-        let upper = v.lerp(passed[0], passed[1], x.weight);
-        let lower = v.lerp(passed[2], passed[3], x.weight);
-        v.lerp(upper, lower, y.weight)
-    }
-
     /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only
     /// the most common ones are worth their code.
     #[inline(always)]
     pub(in super::super) fn is_of_planes<V: Vector>(&self) -> bool {
         let is_common = V::IS_MACHINES
             || !self.has_levels()
-                && !self.op.depth_compare
                 && !self.is_gather()
                 && !self.is_cube
                 && self.spatial == 2
@@ -574,12 +443,10 @@ impl Fast<'_> {
         use AddressMode::{ClampToEdge, Repeat};
         debug_assert!(self.is_of_planes::<V>());
         let texels = match self.is_nearest {
-            true if self.is_loaded && !self.srgb && !self.straight => texels::NEAREST,
-            _ if !self.srgb && !self.straight => texels::ANY,
-            false if self.srgb => texels::SRGB,
-            false => texels::BYTES,
-            true if self.srgb => texels::NEAREST_SRGB,
-            true => texels::NEAREST_BYTES,
+            true if self.is_loaded => texels::NEAREST,
+            _ if self.is_nearest || !self.srgb && !self.straight => texels::ANY,
+            _ if self.srgb => texels::SRGB,
+            _ => texels::BYTES,
         };
         let mode = match self.sampler.address_mode[..2] {
             _ if self.sampler.unnormalized_coordinates => mode::ANY,
@@ -605,23 +472,14 @@ impl Fast<'_> {
                 false => return run!(ONE ANY ANY),
                 true => {}
             }
-            if self.gathers_words {
-                return run!(ONE GATHERED ANY);
-            }
             if self.is_gather() {
                 return run!(ONE GATHERED_ANY ANY);
-            }
-            if self.is_cube {
-                return run!(ONE NEAREST_ON_CUBE CLAMP);
             }
             if self.spatial == 3 {
                 return match self.is_nearest && self.is_loaded {
                     true => run!(MANY NEAREST_IN_VOLUME ANY),
                     false => run!(MANY VOLUME ANY),
                 };
-            }
-            if self.op.depth_compare {
-                return run!(ONE COMPARED ANY);
             }
             let levels = match self.has_levels() {
                 _ if self.is_anisotropic => levels::ANISOTROPIC,
@@ -633,13 +491,6 @@ impl Fast<'_> {
                 (levels::ONE, texels::BYTES, mode::REPEAT) => run!(ONE BYTES REPEAT),
                 (levels::ONE, texels::SRGB, mode::CLAMP) => run!(ONE SRGB CLAMP),
                 (levels::ONE, texels::SRGB, mode::REPEAT) => run!(ONE SRGB REPEAT),
-                (levels::ONE, texels::NEAREST_BYTES, mode::CLAMP) => run!(ONE NEAREST_BYTES CLAMP),
-                (levels::ONE, texels::NEAREST_BYTES, mode::REPEAT) => {
-                    run!(ONE NEAREST_BYTES REPEAT)
-                }
-                (levels::ONE, texels::NEAREST_SRGB, mode::CLAMP) => run!(ONE NEAREST_SRGB CLAMP),
-                (levels::ONE, texels::NEAREST_SRGB, mode::REPEAT) => run!(ONE NEAREST_SRGB REPEAT),
-                (levels::ONE, texels, _) if texels::is_nearest(texels) => run!(ONE NEAREST ANY),
                 (levels::ONE, ..) => run!(ONE ANY ANY),
                 (levels::MANY, texels, _) if texels::is_nearest(texels) => run!(MANY NEAREST ANY),
                 (levels::MANY, texels::BYTES, _) => run!(MANY BYTES ANY),

@@ -7,11 +7,10 @@ use super::super::Level;
 use super::super::format::FormatInfo;
 use super::super::format::layout::Codec;
 use super::super::srgb;
-use super::super::texels::{self, Wanted};
+use super::super::texels;
 use super::axis::Axis;
 use super::levels::Levels;
 use super::taps::Taps;
-use super::whole::gathered_component;
 use super::{Components, Fast};
 
 /// A byte of each of four texels, linear between them.
@@ -205,40 +204,6 @@ impl Fast<'_> {
                     self.words(v, rows, x, texel_bytes)
                 }
             }
-        }
-    }
-
-    /// The word of each of the four texels around each lane that holds the gathered component, or
-    /// the first one.
-    ///
-    /// # Safety
-    /// As [`Self::weighted`]; texels have no fewer than four bytes.
-    #[inline(always)]
-    pub(super) unsafe fn a_word_each<V: Vector>(
-        &self,
-        v: V,
-        levels: &Levels<'_, V>,
-        layer: V::I,
-        [x, y]: [&Axis<V>; 2],
-    ) -> [V::I; 4] {
-        let base = self.image.data.cast_const();
-        // A component that the format lacks has the offset 0.
-        let word = match gathered_component(&self.op.kind, self.image) {
-            Some(component) => self.info.channels[component].offset / 32,
-            None => 0,
-        };
-        let offset = v.add_i(levels.offset, layer);
-        let rows = [v.add_i(offset, y.offsets[0]), v.add_i(offset, y.offsets[1])];
-        // SAFETY: the caller keeps the contract of `Self::weighted`; texels have no fewer than four
-        // bytes.
-        unsafe {
-            let base = base.add(4 * usize::from(word));
-            [
-                v.gather(base, v.add_i(rows[0], x.offsets[0])),
-                v.gather(base, v.add_i(rows[0], x.offsets[1])),
-                v.gather(base, v.add_i(rows[1], x.offsets[0])),
-                v.gather(base, v.add_i(rows[1], x.offsets[1])),
-            ]
         }
     }
 
@@ -496,7 +461,7 @@ impl<V: Vector> Task<V> for Decode<'_, V::I> {
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
         let zero = v.splat_i(0);
-        let words = texels::decode(v, self.info, &[self.word, zero, zero, zero], Wanted::ALL);
+        let words = texels::decode(v, self.info, &[self.word, zero, zero, zero]);
         [
             v.bits_to_f(words[0]),
             v.bits_to_f(words[1]),
@@ -519,7 +484,7 @@ impl<V: Vector> Task<V> for Load<'_, V::I> {
     #[inline(always)]
     unsafe fn run(self, v: V) -> Self::Output {
         // SAFETY: the caller keeps the contract of this function.
-        let words = unsafe { texels::load(v, self.info, self.data, self.at, Wanted::ALL) };
+        let words = unsafe { texels::load(v, self.info, self.data, self.at) };
         [
             v.bits_to_f(words[0]),
             v.bits_to_f(words[1]),

@@ -10,7 +10,7 @@ use super::super::format::Numeric;
 use super::super::format::block;
 use super::super::lod;
 use super::super::operands::Operands;
-use super::super::{AddressMode, CompareOp, ImageDescriptor, ImageOpKind, LodMode, cube, sample};
+use super::super::{AddressMode, CompareOp, ImageDescriptor, ImageOpKind, LodMode, cube};
 use super::axis::{Along, Axis};
 use super::levels::{Anisotropy, Levels, levels_of};
 use super::taps::{Taps, index_in_block};
@@ -383,12 +383,6 @@ impl Fast<'_> {
         }
     }
 
-    /// The border's word of the component that a gather takes.
-    pub(super) fn gathered_border(&self) -> u32 {
-        let component = gathered_component(&self.op.kind, self.image).unwrap_or(0);
-        sample::border_units(self.sampler, self.info)[component]
-    }
-
     /// 1 where the comparison of a depth with the reference holds, else 0.
     #[inline(always)]
     pub(super) fn compare<V: Vector>(&self, v: V, depth: V::F, reference: V::F) -> V::F {
@@ -398,17 +392,26 @@ impl Fast<'_> {
             scale if self.has_border => v.div(depth, v.splat(scale)),
             scale => v.div_units(depth, scale),
         };
+        self.passes(v, depth, reference)
+    }
+
+    /// As [`Self::compare`], of a depth that is not in units.
+    #[inline(always)]
+    pub(super) fn passes<V: Vector>(&self, v: V, depth: V::F, reference: V::F) -> V::F {
+        let ones = v.splat_i(-1);
+        let at_most = v.at_least(reference, depth);
+        let at_least = v.at_least(depth, reference);
         let holds = match self.sampler.compare.unwrap_or(CompareOp::Never) {
-            CompareOp::Never => 0,
-            CompareOp::Less => v.gt(depth, reference),
-            CompareOp::Equal => v.eq(reference, depth),
-            CompareOp::LessOrEqual => v.ge(depth, reference),
-            CompareOp::Greater => v.gt(reference, depth),
-            CompareOp::NotEqual => !v.eq(reference, depth),
-            CompareOp::GreaterOrEqual => v.ge(reference, depth),
-            CompareOp::Always => u16::MAX,
+            CompareOp::Never => v.splat_i(0),
+            // Above, and not equal: `at_most` of a NaN is zero, too.
+            CompareOp::Less => v.and_i(at_least, v.xor_i(at_most, ones)),
+            CompareOp::Equal => v.and_i(at_most, at_least),
+            CompareOp::LessOrEqual => at_least,
+            CompareOp::Greater => v.and_i(at_most, v.xor_i(at_least, ones)),
+            CompareOp::NotEqual => v.xor_i(v.and_i(at_most, at_least), ones),
+            CompareOp::GreaterOrEqual => at_most,
+            CompareOp::Always => ones,
         };
-        let (one, zero) = (v.splat(1.0), v.splat(0.0));
-        v.bits_to_f(v.select(holds, v.bits_of(one), v.bits_of(zero)))
+        v.bits_to_f(v.and_i(holds, v.bits_of(v.splat(1.0))))
     }
 }

@@ -3,13 +3,14 @@
 //! image.
 
 use fastrand::Rng;
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 
 use super::super::decode::Decoder;
 use super::super::fast::Fast;
 use super::super::operands::Operands;
 use super::super::plain::Plain;
-use super::super::{lod, sample, wave};
+use super::super::wave::{self, Wave};
+use super::super::{lod, sample};
 use super::*;
 
 /// Memory between pages that cannot be read: its last byte is a page's last.
@@ -164,6 +165,62 @@ const MODES: [AddressMode; 5] = [
 ];
 const FILTERS: [Filter; 2] = [Filter::Nearest, Filter::Linear];
 
+/// More subgroups than are done at a time.
+const SUBGROUPS: usize = 19;
+
+/// Performs an operation in a wave of subgroups, whose lanes are turned by their subgroup's number:
+/// the results are those of one subgroup, turned. Only wanted results have rows.
+fn compare_turned(
+    rows: &[&Row],
+    mask: u16,
+    expected: &[Row],
+    wanted: u8,
+    is_same: impl Fn(u32, u32) -> bool,
+    perform: impl FnOnce(&Wave<'_>),
+    what: &str,
+) {
+    let turned = |row: &Row, by: usize| -> Row { std::array::from_fn(|k| row[(k + by) % 16]) };
+    let turns = || 0..SUBGROUPS;
+    let all = |row: &&Row| -> Vec<Row> { turns().map(|by| turned(row, by)).collect() };
+    let mut operands: Vec<Row> = rows.iter().flat_map(all).collect();
+    let mut results = vec![[0; 16]; SUBGROUPS * expected.len()];
+    let of_subgroups = |rows: &mut [Row]| wave::Rows {
+        first: rows.as_mut_ptr(),
+        step_bytes: size_of::<Row>(),
+    };
+    let operand_rows: Vec<_> = (operands.chunks_exact_mut(SUBGROUPS).map(of_subgroups)).collect();
+    let mut result_rows = [wave::Rows::NONE; 4];
+    let rows_of_results = results.chunks_exact_mut(SUBGROUPS).map(of_subgroups);
+    for (component, rows) in rows_of_results.enumerate().take(4) {
+        if wanted >> component & 1 == 1 {
+            result_rows[component] = rows;
+        }
+    }
+    let of_turn = |by: usize| mask.rotate_right(by as u32);
+    let lanes: Vec<LaneMask> = turns().map(|by| LaneMask::from_bits(of_turn(by))).collect();
+    let numbers: Vec<u16> = turns().rev().map(|by| by as u16).collect();
+    perform(&Wave {
+        subgroups: &numbers,
+        lanes: &lanes,
+        operands: &operand_rows,
+        results: result_rows,
+        derives: false,
+    });
+    for (component, expected) in expected.iter().enumerate() {
+        for by in turns().filter(|_| wanted >> component & 1 == 1) {
+            let found = results[component * SUBGROUPS + by];
+            let expected = turned(expected, by);
+            for lane in (0..16).filter(|lane| of_turn(by) >> lane & 1 == 1) {
+                let (a, b) = (found[lane], expected[lane]);
+                assert!(
+                    is_same(a, b),
+                    "{a:x}, not {b:x}, in lane {lane} of {by}, component {component}: {what}"
+                );
+            }
+        }
+    }
+}
+
 /// Compares a sample of a format, of which everything else is random.
 fn compare_one(random: &mut Rng, format: Format) {
     let info = format.info().unwrap();
@@ -222,10 +279,14 @@ fn compare_one(random: &mut Rng, format: Format) {
         s.compare = Some(pick(
             random,
             &[
+                CompareOp::Never,
                 CompareOp::Less,
-                CompareOp::GreaterOrEqual,
-                CompareOp::NotEqual,
                 CompareOp::Equal,
+                CompareOp::LessOrEqual,
+                CompareOp::Greater,
+                CompareOp::NotEqual,
+                CompareOp::GreaterOrEqual,
+                CompareOp::Always,
             ],
         ));
     } else if random.u32(..3) == 0 {
@@ -335,6 +396,9 @@ fn compare_one(random: &mut Rng, format: Format) {
         let tier = Tier::best();
         sample::sample(tier, &op, &operands, &image, info, &s, mask, &mut expected);
     }
+    let is_nan = |word: u32| f32::from_bits(word).is_nan() && !is_integer;
+    let is_same = |a: u32, b: u32| a == b || is_nan(a) && is_nan(b);
+    let turns = random.u32(..4) == 0;
     for &tier in Tier::available() {
         let mut results = [[0; 16]; 8];
         let rows_of_results = &mut results[..op.result_rows()];
@@ -345,12 +409,18 @@ fn compare_one(random: &mut Rng, format: Format) {
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
             for component in 0..op.result_rows() {
                 let (a, b) = (results[component][lane], expected[component][lane]);
-                let is_nan = |word: u32| f32::from_bits(word).is_nan() && !is_integer;
                 assert!(
-                    a == b || is_nan(a) && is_nan(b),
+                    is_same(a, b),
                     "{a:x}, not {b:x}, in lane {lane}, component {component}, {tier}: {what}"
                 );
             }
+        }
+        if turns {
+            let expected = &expected[..op.result_rows()];
+            let wanted = random.u8(1..16);
+            // SAFETY: the image's memory is there, and the machine has the tier.
+            let perform = |wave: &Wave<'_>| unsafe { wave::sample(tier, &fast, wave) };
+            compare_turned(&rows, mask, expected, wanted, is_same, perform, &what);
         }
     }
 }
@@ -432,6 +502,14 @@ fn compare_fetch(random: &mut Rng, format: Format) {
                 );
             }
         }
+        let perform = |wave: &Wave<'_>| {
+            // SAFETY: the image's memory is there, and the machine has the tier.
+            let done = unsafe { wave::load(tier, &plain, wave) };
+            assert_eq!(done, SUBGROUPS, "{what}");
+        };
+        let expected = &expected[..4];
+        let is_same = |a, b| a == b;
+        compare_turned(&rows, mask, expected, wanted, is_same, perform, &what);
     }
 }
 

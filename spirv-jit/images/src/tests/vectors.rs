@@ -4,7 +4,7 @@
 use super::super::format::FormatInfo;
 use super::super::format::block::{self, Texels};
 use super::super::plain::Plain;
-use super::super::texels::{self, Wanted};
+use super::super::texels;
 use super::super::wave::{self, Wave};
 use super::*;
 use effort::sparse::Sparse;
@@ -64,7 +64,7 @@ lanes::vectors! {
     unsafe fn texels_at<V>(v, info: &FormatInfo, base: *const u8, places: &[u32; 16]) -> Texels {
         let mut texels = [[0; 16]; 4];
         // SAFETY: the caller guarantees that the texels are readable.
-        let loaded = unsafe { texels::load(v, info, base, v.load_i(places), Wanted::ALL) };
+        let loaded = unsafe { texels::load(v, info, base, v.load_i(places)) };
         for (row, words) in texels.iter_mut().zip(loaded) {
             v.store_i(words, row);
         }

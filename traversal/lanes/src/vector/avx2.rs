@@ -235,8 +235,10 @@ impl Vector for Avx2 {
     }
     #[inline(always)]
     fn lt_u(self, a: I, b: I) -> u16 {
-        // Less, if the lesser of both is `a` and they differ.
-        !self.ne_i(self.min_u(a, b), a) & self.ne_i(a, b)
+        // Less, if the greater of both is another one.
+        // SAFETY: the token.
+        let greater = unsafe { [_mm256_max_epu32(a[0], b[0]), _mm256_max_epu32(a[1], b[1])] };
+        self.ne_i(greater, a)
     }
     #[inline(always)]
     fn byte(self, [a, b]: I, index: u32) -> I {
@@ -525,14 +527,38 @@ impl Vector for Avx2 {
     unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
-        let places = std::hint::black_box(&*places);
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.scalars_at::<T>(base, std::hint::black_box(&*places)) }
+    }
+    #[inline(always)]
+    unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.pairs_at(base, places) }
+    }
+    #[inline(always)]
+    unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
+        let places = &mut Line([0; 16]).0;
+        self.store_i(offsets, places);
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.quads_at(base, places) }
+    }
+    #[inline(always)]
+    unsafe fn words_at(self, base: *const u8, offsets: &Row) -> I {
+        // Single loads: gathers take longer.
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.scalars_at::<u32>(base, offsets) }
+    }
+    #[inline(always)]
+    unsafe fn scalars_at<T: Copy + Into<u32>>(self, base: *const u8, offsets: &Row) -> I {
         // SAFETY: the token proves the features; the caller guarantees that a scalar is readable at
         // each.
         unsafe {
-            let first = four_scalars::<T>(base, places, 0);
-            let second = four_scalars::<T>(base, places, 4);
-            let third = four_scalars::<T>(base, places, 8);
-            let fourth = four_scalars::<T>(base, places, 12);
+            let first = four_scalars::<T>(base, offsets, 0);
+            let second = four_scalars::<T>(base, offsets, 4);
+            let third = four_scalars::<T>(base, offsets, 8);
+            let fourth = four_scalars::<T>(base, offsets, 12);
             [
                 _mm256_set_m128i(second, first),
                 _mm256_set_m128i(fourth, third),
@@ -540,21 +566,17 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
-        let places = &mut Line([0; 16]).0;
-        self.store_i(offsets, places);
+    unsafe fn pairs_at(self, base: *const u8, offsets: &Row) -> (I, I) {
         // SAFETY: the token proves the features; the caller guarantees that eight bytes are
         // readable at each.
-        let (low, high) = unsafe { (eight_pairs(base, places, 0), eight_pairs(base, places, 8)) };
+        let (low, high) = unsafe { (eight_pairs(base, offsets, 0), eight_pairs(base, offsets, 8)) };
         ([low.0, high.0], [low.1, high.1])
     }
     #[inline(always)]
-    unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
-        let places = &mut Line([0; 16]).0;
-        self.store_i(offsets, places);
+    unsafe fn quads_at(self, base: *const u8, offsets: &Row) -> [I; 4] {
         // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
         // readable at each.
-        let (low, high) = unsafe { (eight_quads(base, places, 0), eight_quads(base, places, 8)) };
+        let (low, high) = unsafe { (eight_quads(base, offsets, 0), eight_quads(base, offsets, 8)) };
         [
             [low[0], high[0]],
             [low[1], high[1]],

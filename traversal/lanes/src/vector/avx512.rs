@@ -303,14 +303,18 @@ impl Vector for Avx512 {
     unsafe fn gather_scalars<T: Copy + Into<u32>>(self, base: *const u8, offsets: I) -> I {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
-        let places = std::hint::black_box(&*places);
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.scalars_at::<T>(base, std::hint::black_box(&*places)) }
+    }
+    #[inline(always)]
+    unsafe fn scalars_at<T: Copy + Into<u32>>(self, base: *const u8, offsets: &Row) -> I {
         // SAFETY: the token proves the features; the caller guarantees that a scalar is readable at
         // each.
         unsafe {
-            let first = four_scalars::<T>(base, places, 0);
-            let second = four_scalars::<T>(base, places, 4);
-            let third = four_scalars::<T>(base, places, 8);
-            let fourth = four_scalars::<T>(base, places, 12);
+            let first = four_scalars::<T>(base, offsets, 0);
+            let second = four_scalars::<T>(base, offsets, 4);
+            let third = four_scalars::<T>(base, offsets, 8);
+            let fourth = four_scalars::<T>(base, offsets, 12);
             let low = _mm256_set_m128i(second, first);
             let high = _mm256_set_m128i(fourth, third);
             _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
@@ -323,8 +327,23 @@ impl Vector for Avx512 {
         // readable at each.
         unsafe {
             match gathers_slowly() {
-                true => loaded_pairs(self, base, offsets),
+                true => {
+                    let places = &mut Line([0; 16]).0;
+                    self.store_i(offsets, places);
+                    loaded_pairs(base, places)
+                }
                 false => gathered_pairs(base, offsets),
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn pairs_at(self, base: *const u8, offsets: &Row) -> (I, I) {
+        // SAFETY: the token proves the features; the caller guarantees that eight bytes are
+        // readable at each.
+        unsafe {
+            match gathers_slowly() {
+                true => loaded_pairs(base, offsets),
+                false => gathered_pairs(base, self.load_i(offsets)),
             }
         }
     }
@@ -332,13 +351,18 @@ impl Vector for Avx512 {
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
         let places = &mut Line([0; 16]).0;
         self.store_i(offsets, places);
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.quads_at(base, places) }
+    }
+    #[inline(always)]
+    unsafe fn quads_at(self, base: *const u8, offsets: &Row) -> [I; 4] {
         // SAFETY: the token proves the features; the caller guarantees that sixteen bytes are
         // readable at each.
         unsafe {
-            let a = every_fourth(base, places, 0);
-            let b = every_fourth(base, places, 1);
-            let c = every_fourth(base, places, 2);
-            let d = every_fourth(base, places, 3);
+            let a = every_fourth(base, offsets, 0);
+            let b = every_fourth(base, offsets, 1);
+            let c = every_fourth(base, offsets, 2);
+            let d = every_fourth(base, offsets, 3);
             let low = (_mm512_unpacklo_epi32(a, b), _mm512_unpacklo_epi32(c, d));
             let high = (_mm512_unpackhi_epi32(a, b), _mm512_unpackhi_epi32(c, d));
             [
@@ -431,9 +455,7 @@ unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
 /// # Safety
 /// Eight bytes are readable at each offset.
 #[inline(always)]
-unsafe fn loaded_pairs(v: Avx512, base: *const u8, offsets: I) -> (I, I) {
-    let places = &mut Line([0; 16]).0;
-    v.store_i(offsets, places);
+unsafe fn loaded_pairs(base: *const u8, places: &Row) -> (I, I) {
     // SAFETY: the token proves the features; the caller guarantees that eight bytes are readable at
     // each offset.
     unsafe {
@@ -541,10 +563,7 @@ mod tests {
             unsafe {
                 let v = Avx512::new();
                 let (base, offsets) = (bytes.as_ptr(), v.load_i(&places));
-                let ways = [
-                    loaded_pairs(v, base, offsets),
-                    gathered_pairs(base, offsets),
-                ];
+                let ways = [loaded_pairs(base, &places), gathered_pairs(base, offsets)];
                 for (rows, (first, second)) in found.iter_mut().zip(ways) {
                     v.store_i(first, &mut rows[0]);
                     v.store_i(second, &mut rows[1]);

@@ -326,6 +326,47 @@ pub trait Vector: Copy {
     /// Sixteen bytes are readable at each.
     unsafe fn gather_quads(self, base: *const u8, offsets: Self::I) -> [Self::I; 4];
 
+    /// As [`Self::gather`], of offsets in memory: single loads of these do not wait if they were
+    /// stored some time before.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn words_at(self, base: *const u8, offsets: &Row) -> Self::I {
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.gather(base, self.load_i(offsets)) }
+    }
+
+    /// As [`Self::gather_scalars`], of offsets in memory.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn scalars_at<T: Copy + Into<u32>>(self, base: *const u8, offsets: &Row) -> Self::I {
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.gather_scalars::<T>(base, self.load_i(offsets)) }
+    }
+
+    /// As [`Self::gather_pairs`], of offsets in memory.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn pairs_at(self, base: *const u8, offsets: &Row) -> (Self::I, Self::I) {
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.gather_pairs(base, self.load_i(offsets)) }
+    }
+
+    /// As [`Self::gather_quads`], of offsets in memory.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn quads_at(self, base: *const u8, offsets: &Row) -> [Self::I; 4] {
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe { self.gather_quads(base, self.load_i(offsets)) }
+    }
+
     /// Texels of four components around sixteen places, linear between them: in two lines, or in
     /// four, which are two slices (`LINES`). An offset is that of a line's left texel; the right
     /// neighbour lies behind it. The weights are those of the right texel, the next line, and the

@@ -406,3 +406,49 @@ fn neighbours_are_blended_in_lines_and_slices() {
     in_every_tier(&mut Neighbours::<{ FourOf::WORDS }, 2>);
     in_every_tier(&mut Neighbours::<{ FourOf::WORDS }, 4>);
 }
+
+/// Texels of each size at offsets in memory.
+struct AtOffsets {
+    bytes: Vec<u8>,
+}
+
+impl TierTest for AtOffsets {
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let mut random = fastrand::Rng::with_seed(6);
+        let bytes = &self.bytes;
+        let base = bytes.as_ptr();
+        let words = |a: V::I| {
+            let mut row = [0; LANES];
+            v.store_i(a, &mut row);
+            row
+        };
+        for _ in 0..200 {
+            let places: Row = std::array::from_fn(|_| random.u32(..bytes.len() as u32 - 15));
+            let expected = |k: usize, size: usize| {
+                places.map(|at| {
+                    let at = at as usize + 4 * k;
+                    let mut word = [0; 4];
+                    word[..size].copy_from_slice(&bytes[at..at + size]);
+                    u32::from_le_bytes(word)
+                })
+            };
+            // SAFETY: sixteen bytes are readable at each place.
+            unsafe {
+                assert_eq!(words(v.scalars_at::<u8>(base, &places)), expected(0, 1));
+                assert_eq!(words(v.scalars_at::<u16>(base, &places)), expected(0, 2));
+                assert_eq!(words(v.words_at(base, &places)), expected(0, 4));
+                let (a, b) = v.pairs_at(base, &places);
+                assert_eq!([words(a), words(b)], [0, 1].map(|k| expected(k, 4)));
+                let four = v.quads_at(base, &places).map(words);
+                assert_eq!(four, [0, 1, 2, 3].map(|k| expected(k, 4)));
+            }
+        }
+    }
+}
+
+#[test]
+fn texels_are_found_at_offsets_in_memory() {
+    let mut random = fastrand::Rng::with_seed(7);
+    let bytes = (0..1024).map(|_| random.u8(..)).collect();
+    in_every_tier(&mut AtOffsets { bytes });
+}

@@ -1,0 +1,532 @@
+//! Texels of a chunk of a wave, up to sixteen subgroups, in steps: offsets of all texels, then
+//! their words, then one component after another. Each step is a short loop over the subgroups,
+//! chosen once, so that subgroups overlap and all constants stay in registers; rows between the
+//! steps stay in the first cache. Offsets that single loads take were stored long before.
+//!
+//! Here, too, there are no closures over vectors: those would not be compiled for the vectors'
+//! instruction set.
+
+use std::mem::MaybeUninit;
+
+use lanes::vector::{QUADS, Task, Vector};
+use lanes::{LANES, Row, map};
+
+use super::decode::{Decoder, Field, expand};
+use super::format::{FormatInfo, Numeric};
+use super::rows::Wave;
+use super::srgb;
+
+/// Subgroups of a chunk.
+pub(super) const SUBGROUPS: usize = 16;
+
+/// A row for each subgroup of a chunk, on a cache line of its own.
+#[repr(align(64))]
+pub(super) struct ChunkRows([MaybeUninit<Row>; SUBGROUPS]);
+
+impl ChunkRows {
+    #[inline(always)]
+    pub const fn new() -> ChunkRows {
+        ChunkRows([const { MaybeUninit::uninit() }; SUBGROUPS])
+    }
+
+    #[inline(always)]
+    pub fn put<V: Vector>(&mut self, v: V, index: usize, words: V::I) {
+        v.store_i(words, self.0[index % SUBGROUPS].write([0; LANES]));
+    }
+
+    /// # Safety
+    /// The row was put.
+    #[inline(always)]
+    pub unsafe fn row(&self, index: usize) -> &Row {
+        // SAFETY: the caller guarantees that the row was put.
+        unsafe { self.0[index % SUBGROUPS].assume_init_ref() }
+    }
+
+    /// # Safety
+    /// The row was put.
+    #[inline(always)]
+    pub unsafe fn get<V: Vector>(&self, v: V, index: usize) -> V::I {
+        // SAFETY: the caller guarantees that the row was put.
+        v.load_i(unsafe { self.row(index) })
+    }
+}
+
+/// The texels of a chunk, one a lane.
+pub(super) struct Texels {
+    /// Byte offsets of the texels, or of their blocks.
+    pub offsets: ChunkRows,
+    /// In compressed formats: indices in blocks.
+    pub index: ChunkRows,
+    /// Lanes with a texel; the offsets of others are those of some texel, too.
+    pub inside: [u16; SUBGROUPS],
+    pub words: [ChunkRows; 4],
+}
+
+impl Texels {
+    #[inline(always)]
+    pub fn new() -> Texels {
+        Texels {
+            offsets: ChunkRows::new(),
+            index: ChunkRows::new(),
+            inside: [u16::MAX; SUBGROUPS],
+            words: [const { ChunkRows::new() }; 4],
+        }
+    }
+}
+
+impl Texels {
+    /// Zeros in the lanes without a texel.
+    ///
+    /// # Safety
+    /// Such words (a bit each) were put for so many subgroups.
+    #[inline(always)]
+    unsafe fn keep_inside<V: Vector>(&mut self, v: V, count: usize, words: u8) {
+        for (word, rows) in self.words.iter_mut().enumerate() {
+            if words >> word & 1 == 0 {
+                continue;
+            }
+            for index in 0..count {
+                let inside = self.inside[index % SUBGROUPS];
+                // SAFETY: the caller guarantees that the words were put.
+                let kept = v.keep(unsafe { rows.get(v, index) }, inside);
+                rows.put(v, index, kept);
+            }
+        }
+    }
+}
+
+/// Where the number of a component comes from.
+#[derive(Clone, Copy)]
+pub(super) enum Source {
+    Constant(u32),
+    /// A word as it is.
+    Word(usize),
+    Fixed(Field),
+    Half(Field),
+    /// A byte of sRGB.
+    Srgb(Field),
+}
+
+impl Source {
+    /// That of a component of a view: its swizzle's. The format is not one that is decoded lane by
+    /// lane.
+    pub fn of_view(info: &FormatInfo, from: u8) -> Source {
+        Source::of_swizzle(info, from, Field::of_value)
+    }
+
+    /// The same in units (see [`block`](super::format::block)) where formats have some.
+    pub fn units_of_view(info: &FormatInfo, from: u8) -> Source {
+        match info.numeric {
+            Numeric::Srgb => Source::of_view(info, from),
+            _ => Source::of_swizzle(info, from, Field::of),
+        }
+    }
+
+    fn of_swizzle(info: &FormatInfo, from: u8, field: fn(&FormatInfo, usize) -> Field) -> Source {
+        match from {
+            0..=3 => Source::of(info, from as usize, field),
+            4 => Source::Constant(0),
+            _ => Source::Constant(info.missing(3)),
+        }
+    }
+
+    fn of(info: &FormatInfo, component: usize, field: fn(&FormatInfo, usize) -> Field) -> Source {
+        let channel = info.channels[component];
+        if channel.bits == 0 {
+            return Source::Constant(info.missing(component));
+        }
+        match Decoder::of(info) {
+            Decoder::Words if channel.bits == 32 => Source::Word(channel.offset as usize / 32),
+            Decoder::Halves => Source::Half(field(info, component)),
+            Decoder::Srgb if component != 3 => Source::Srgb(field(info, component)),
+            Decoder::Fields | Decoder::Words | Decoder::Srgb => {
+                Source::Fixed(field(info, component))
+            }
+            // Expanded to a word a component.
+            _ => Source::Word(component),
+        }
+    }
+
+    /// The number of the word that is looked at.
+    pub fn word(&self) -> Option<usize> {
+        match self {
+            Source::Constant(_) => None,
+            Source::Word(word) => Some(word & 3),
+            Source::Fixed(field) | Source::Half(field) | Source::Srgb(field) => {
+                Some(field.word & 3)
+            }
+        }
+    }
+}
+
+/// Fetches texels, expands those of compressed formats and shared exponents, and writes the wanted
+/// components to the rows of results. Lanes without a texel get zeros.
+///
+/// # Safety
+/// A texel, or a block, is readable at each offset from the base; the wave has the chunk's
+/// subgroups, which are as many as have offsets and indices.
+#[inline(always)]
+pub(super) unsafe fn put<V: Vector>(
+    v: V,
+    info: &FormatInfo,
+    base: *const u8,
+    swizzle: [u8; 4],
+    wave: &Wave<'_>,
+    texels: &mut Texels,
+) {
+    let count = wave.subgroups.len().min(SUBGROUPS);
+    let decoder = Decoder::of(info);
+    let is_expanded = matches!(
+        decoder,
+        Decoder::SharedExponent | Decoder::Colors | Decoder::Ramps
+    );
+    let sources = swizzle.map(|from| Source::of_view(info, from));
+    let mut wanted = 0;
+    for (source, result) in sources.iter().zip(&wave.results) {
+        if let (Some(word), false) = (source.word(), result.first.is_null()) {
+            wanted |= 1 << word;
+        }
+    }
+    // SAFETY: the caller keeps the contract of this function; words that are looked at were
+    // fetched.
+    unsafe {
+        if wanted != 0 {
+            v.apart(Fetch {
+                base,
+                size_bytes: info.size_bytes,
+                wanted: if is_expanded { 0xf } else { wanted },
+                count,
+                texels: &mut *texels,
+            });
+        }
+        if is_expanded && wanted != 0 {
+            v.apart(Expand {
+                info,
+                decoder,
+                count,
+                texels: &mut *texels,
+            });
+        }
+        if wanted != 0
+            && texels.inside[..count]
+                .iter()
+                .any(|&inside| inside != u16::MAX)
+        {
+            let words = if is_expanded { 0xf } else { wanted };
+            texels.keep_inside(v, count, words);
+        }
+        for (component, source) in sources.into_iter().enumerate() {
+            if wave.results[component].first.is_null() {
+                continue;
+            }
+            v.apart(Decode {
+                source,
+                words: &texels.words[source.word().unwrap_or(0)],
+                wave,
+                component,
+            });
+        }
+    }
+}
+
+/// Texels that lie as those of pixels next to each other do: in a row, or in four quads as
+/// [`QUADS`] has it.
+struct Pattern<V: Vector> {
+    /// Offsets from the first lane's.
+    relative: V::I,
+    /// Between the rows of quads; 0 of a row.
+    stride_bytes: usize,
+}
+
+impl<V: Vector> Pattern<V> {
+    /// That of the texels of a subgroup.
+    #[inline(always)]
+    fn of(v: V, places: &Row, size: u32) -> Option<Pattern<V>> {
+        let offsets = v.sub_i(v.load_i(places), v.splat_i(places[0] as i32));
+        let steps: Row = std::array::from_fn(|lane| lane as u32 * size);
+        let relative = v.load_i(&steps);
+        if size <= 4 && v.ne_i(offsets, relative) == 0 {
+            return Some(Pattern {
+                relative,
+                stride_bytes: 0,
+            });
+        }
+        let stride = places[2].wrapping_sub(places[0]);
+        let columns = v.left_i(v.load_i(&QUADS[0]), size.trailing_zeros());
+        let rows = v.mul_i(v.load_i(&QUADS[1]), v.splat_i(stride as i32));
+        let relative = v.add_i(columns, rows);
+        let has_stride = size >= 2 && (1..1 << 31).contains(&stride);
+        if !has_stride || v.ne_i(offsets, relative) != 0 {
+            return None;
+        }
+        Some(Pattern {
+            relative,
+            stride_bytes: stride as usize,
+        })
+    }
+
+    #[inline(always)]
+    fn has(&self, v: V, places: &Row) -> bool {
+        let offsets = v.sub_i(v.load_i(places), v.splat_i(places[0] as i32));
+        v.ne_i(offsets, self.relative) == 0
+    }
+
+    /// Words of one, two or four bytes.
+    ///
+    /// # Safety
+    /// The pattern is that of readable texels of so many bytes, of which the first one is there.
+    #[inline(always)]
+    unsafe fn load<const SIZE: u32>(&self, v: V, first: *const u8) -> V::I {
+        // SAFETY: the caller guarantees that the bytes are those of texels.
+        unsafe {
+            match (SIZE, self.stride_bytes) {
+                (1, _) => {
+                    let bytes = first.cast::<[u8; LANES]>().read_unaligned();
+                    v.load_i(&map(&bytes, u32::from))
+                }
+                (2, 0) => {
+                    let shorts = first.cast::<[u16; LANES]>().read_unaligned();
+                    v.load_i(&map(&shorts, u32::from))
+                }
+                (2, stride) => v.load_quads_of_shorts(first, stride),
+                (_, 0) => v.load_i(&first.cast::<Row>().read_unaligned()),
+                (_, stride) => v.load_quads(first, stride),
+            }
+        }
+    }
+}
+
+/// Fetches the wanted words of texels.
+pub(super) struct Fetch<'a> {
+    pub base: *const u8,
+    pub size_bytes: u8,
+    /// A bit a word.
+    pub wanted: u8,
+    pub count: usize,
+    pub texels: &'a mut Texels,
+}
+
+impl Fetch<'_> {
+    /// Texels of one word.
+    ///
+    /// # Safety
+    /// As [`put`].
+    #[inline(always)]
+    unsafe fn single<V: Vector, const SIZE: u32>(self, v: V) {
+        let (base, texels) = (self.base, self.texels);
+        // SAFETY: the caller keeps the contract of `put`.
+        unsafe {
+            let pattern = Pattern::of(v, texels.offsets.row(0), SIZE);
+            for index in 0..self.count {
+                let places = texels.offsets.row(index);
+                let words = match &pattern {
+                    Some(pattern) if pattern.has(v, places) => {
+                        pattern.load::<SIZE>(v, base.add(places[0] as usize))
+                    }
+                    _ => match SIZE {
+                        1 => v.scalars_at::<u8>(base, places),
+                        2 => v.scalars_at::<u16>(base, places),
+                        _ => v.words_at(base, places),
+                    },
+                };
+                texels.words[0].put(v, index, words);
+            }
+        }
+    }
+}
+
+impl<V: Vector> Task<V> for Fetch<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let (base, count, wanted) = (self.base, self.count, self.wanted);
+        // SAFETY: the caller keeps the contract of `put`; each access lies inside the texel.
+        unsafe {
+            match self.size_bytes {
+                1 => return self.single::<V, 1>(v),
+                2 => return self.single::<V, 2>(v),
+                4 => return self.single::<V, 4>(v),
+                _ => {}
+            }
+            let texels = self.texels;
+            match self.size_bytes {
+                8 | 16 if wanted.count_ones() == 1 => {
+                    let word = wanted.trailing_zeros() as usize & 3;
+                    let base = base.add(4 * word);
+                    for index in 0..count {
+                        let words = v.words_at(base, texels.offsets.row(index));
+                        texels.words[word].put(v, index, words);
+                    }
+                }
+                8 => {
+                    let pattern = Pattern::of(v, texels.offsets.row(0), 8);
+                    for index in 0..count {
+                        let places = texels.offsets.row(index);
+                        let (a, b) = match &pattern {
+                            Some(pattern) if pattern.has(v, places) => {
+                                let first = base.add(places[0] as usize);
+                                v.load_quads_of_pairs(first, pattern.stride_bytes)
+                            }
+                            _ => v.pairs_at(base, places),
+                        };
+                        texels.words[0].put(v, index, a);
+                        texels.words[1].put(v, index, b);
+                    }
+                }
+                16 => {
+                    for index in 0..count {
+                        let [a, b, c, d] = v.quads_at(base, texels.offsets.row(index));
+                        texels.words[0].put(v, index, a);
+                        texels.words[1].put(v, index, b);
+                        texels.words[2].put(v, index, c);
+                        texels.words[3].put(v, index, d);
+                    }
+                }
+                3 => {
+                    for index in 0..count {
+                        let places = texels.offsets.row(index);
+                        let low = v.scalars_at::<u16>(base, places);
+                        let high = v.scalars_at::<u8>(base.add(2), places);
+                        texels.words[0].put(v, index, v.or_i(low, v.left_i(high, 16)));
+                    }
+                }
+                6 => {
+                    for index in 0..count {
+                        let places = texels.offsets.row(index);
+                        texels.words[0].put(v, index, v.words_at(base, places));
+                        let high = v.scalars_at::<u16>(base.add(4), places);
+                        texels.words[1].put(v, index, high);
+                    }
+                }
+                _ => {
+                    for index in 0..count {
+                        let places = texels.offsets.row(index);
+                        let (a, b) = v.pairs_at(base, places);
+                        texels.words[0].put(v, index, a);
+                        texels.words[1].put(v, index, b);
+                        texels.words[2].put(v, index, v.words_at(base.add(8), places));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Decodes the words of texels to a word a component.
+struct Expand<'a> {
+    info: &'a FormatInfo,
+    decoder: Decoder,
+    count: usize,
+    texels: &'a mut Texels,
+}
+
+impl<V: Vector> Task<V> for Expand<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let Expand {
+            info,
+            decoder,
+            count,
+            texels,
+        } = self;
+        let size_bytes = info.size_bytes;
+        for subgroup in 0..count {
+            let zero = v.splat_i(0);
+            let mut words = [zero; 4];
+            let mut index = zero;
+            // SAFETY: the caller guarantees that the words of texels of such a size were fetched,
+            // and that texels in blocks have indices.
+            unsafe {
+                words[0] = texels.words[0].get(v, subgroup);
+                if size_bytes >= 8 {
+                    words[1] = texels.words[1].get(v, subgroup);
+                }
+                if size_bytes == 16 {
+                    words[2] = texels.words[2].get(v, subgroup);
+                    words[3] = texels.words[3].get(v, subgroup);
+                }
+                if decoder != Decoder::SharedExponent {
+                    index = texels.index.get(v, subgroup);
+                }
+            }
+            let numbers = expand(v, info, decoder, words, index);
+            texels.words[0].put(v, subgroup, v.bits_of(numbers[0]));
+            texels.words[1].put(v, subgroup, v.bits_of(numbers[1]));
+            texels.words[2].put(v, subgroup, v.bits_of(numbers[2]));
+            texels.words[3].put(v, subgroup, v.bits_of(numbers[3]));
+        }
+    }
+}
+
+/// Writes a component of a chunk's texels to the rows of a result.
+pub(super) struct Decode<'a, 'b> {
+    pub source: Source,
+    pub words: &'a ChunkRows,
+    pub wave: &'a Wave<'b>,
+    pub component: usize,
+}
+
+impl<V: Vector> Task<V> for Decode<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let Decode {
+            source,
+            words,
+            wave,
+            component,
+        } = self;
+        let count = wave.subgroups.len().min(SUBGROUPS);
+        // SAFETY: the caller guarantees that the words were fetched, and that the wave has such a
+        // row of each of its subgroups.
+        unsafe {
+            match source {
+                Source::Constant(word) => {
+                    let word = v.splat_i(word as i32);
+                    for index in 0..count {
+                        wave.put_component(v, index, component, word);
+                    }
+                }
+                Source::Word(_) => {
+                    for index in 0..count {
+                        wave.put_component(v, index, component, words.get(v, index));
+                    }
+                }
+                Source::Fixed(field) if field.is_integer => {
+                    for index in 0..count {
+                        let code = field.code(v, words.get(v, index));
+                        wave.put_component(v, index, component, code);
+                    }
+                }
+                Source::Fixed(field) => {
+                    for index in 0..count {
+                        let number = field.fixed(v, words.get(v, index));
+                        wave.put_component(v, index, component, v.bits_of(number));
+                    }
+                }
+                Source::Half(field) => {
+                    for index in 0..count {
+                        let number = field.half(v, words.get(v, index), true);
+                        wave.put_component(v, index, component, v.bits_of(number));
+                    }
+                }
+                Source::Srgb(field) => {
+                    let mut offsets = ChunkRows::new();
+                    for index in 0..count {
+                        let code = field.code(v, words.get(v, index));
+                        offsets.put(v, index, v.left_i(code, 2));
+                    }
+                    let table = srgb::LINEAR.words().as_ptr().cast();
+                    for index in 0..count {
+                        let linear = v.words_at(table, offsets.row(index));
+                        wave.put_component(v, index, component, linear);
+                    }
+                }
+            }
+        }
+    }
+}
