@@ -167,38 +167,36 @@ pub(super) fn place_in_vectors<V: Vector>(v: V, [x, y, z]: [V::F; 3]) -> ([V::F;
     (on_face, face)
 }
 
-/// [`wrap_edges`] of sixteen texels in vectors, which lie out by one texel at most.
+/// [`wrap_edges`] of sixteen texels in vectors.
 #[inline(always)]
 pub(super) fn wrap_edges_in_vectors<V: Vector>(
     v: V,
     [x, y, face]: [V::I; 3],
     size: V::I,
 ) -> ([V::I; 3], u16) {
-    let (zero, one, ones) = (v.splat_i(0), v.splat_i(1), v.splat_i(-1));
+    let (zero, one) = (v.splat_i(0), v.splat_i(1));
     let last = v.sub_i(size, one);
+    let (in_x, in_y) = (v.lt_u(x, size), v.lt_u(y, size));
     let clamped_x = v.max_i(v.min_i(x, last), zero);
     let clamped_y = v.max_i(v.min_i(y, last), zero);
-    let out_x = v.sign_i(v.or_i(x, v.sub_i(last, x)));
-    let out_y = v.sign_i(v.or_i(y, v.sub_i(last, y)));
-    let corners = v.ne_i(v.and_i(out_x, out_y), zero);
-    let edges = v.xor_i(out_x, out_y);
-    if v.ne_i(edges, zero) == 0 {
+    let corners = !in_x & !in_y;
+    let edges = !(in_x & in_y) & !corners;
+    if edges == 0 {
         return ([clamped_x, clamped_y, face], corners);
     }
     // As `across_edge`: centres in half texels on the cube of half side `size`.
     let s = v.sub_i(v.add_i(v.add_i(x, x), one), size);
     let t = v.sub_i(v.add_i(v.add_i(y, y), one), size);
-    let is_x = v.sign_i(v.sub_i(face, v.splat_i(2)));
-    let is_z = v.xor_i(v.sign_i(v.sub_i(face, v.splat_i(4))), ones);
-    let is_y = v.xor_i(v.or_i(is_x, is_z), ones);
+    let axis = v.right_u(face, 1);
+    let (is_x, is_y) = (!v.ne_i(axis, zero), !v.ne_i(axis, one));
     let is_negative = v.sub_i(zero, v.and_i(face, one));
-    let is_positive = v.xor_i(is_negative, ones);
+    let is_positive = v.sub_i(v.and_i(face, one), one);
     let plane = negated(v, size, is_negative);
     let minus_t = v.sub_i(zero, t);
     let position = [
-        pick3(v, is_x, is_y, [plane, s, negated(v, s, is_negative)]),
-        v.pick(is_y, plane, minus_t),
-        pick3(
+        select3(v, is_x, is_y, [plane, s, negated(v, s, is_negative)]),
+        v.select(is_y, plane, minus_t),
+        select3(
             v,
             is_x,
             is_y,
@@ -210,33 +208,33 @@ pub(super) fn wrap_edges_in_vectors<V: Vector>(
         ),
     ];
     let mut folded = position;
-    let mut out = [zero; 3];
-    let old_plane = [is_x, is_y, is_z];
+    let mut out = [0; 3];
+    let old_plane = [is_x, is_y, !(is_x | is_y)];
     for i in 0..3 {
         let sign = v.sign_i(position[i]);
-        out[i] = v.sign_i(v.sub_i(size, negated(v, position[i], sign)));
-        let inner = v.pick(old_plane[i], negated(v, last, sign), position[i]);
-        folded[i] = v.pick(out[i], negated(v, size, sign), inner);
+        out[i] = v.lt_u(size, negated(v, position[i], sign));
+        let inner = v.select(old_plane[i], negated(v, last, sign), position[i]);
+        folded[i] = v.select(out[i], negated(v, size, sign), inner);
     }
     let [x3, y3, z3] = folded;
-    let is_negative = v.sign_i(pick3(v, out[0], out[1], position));
-    let is_positive = v.xor_i(is_negative, ones);
-    let axis = pick3(v, out[0], out[1], [zero, v.splat_i(2), v.splat_i(4)]);
-    let new_face = v.sub_i(axis, is_negative);
+    let is_negative = v.sign_i(select3(v, out[0], out[1], position));
+    let is_positive = v.xor_i(is_negative, v.splat_i(-1));
+    let axis = select3(v, out[0], out[1], [zero, v.splat_i(2), v.splat_i(4)]);
+    let new_face = v.add_i(axis, v.and_i(is_negative, one));
     let minus_y = v.sub_i(zero, y3);
-    let new_s = pick3(
+    let new_s = select3(
         v,
         out[0],
         out[1],
         [negated(v, z3, is_positive), x3, negated(v, x3, is_negative)],
     );
-    let new_t = v.pick(out[1], negated(v, z3, is_negative), minus_y);
+    let new_t = v.select(out[1], negated(v, z3, is_negative), minus_y);
     let new_x = v.right_i(v.add_i(new_s, last), 1);
     let new_y = v.right_i(v.add_i(new_t, last), 1);
     let wrapped = [
-        v.pick(edges, new_x, clamped_x),
-        v.pick(edges, new_y, clamped_y),
-        v.pick(edges, new_face, face),
+        v.select(edges, new_x, clamped_x),
+        v.select(edges, new_y, clamped_y),
+        v.select(edges, new_face, face),
     ];
     (wrapped, corners)
 }
@@ -247,10 +245,10 @@ fn negated<V: Vector>(v: V, a: V::I, is_negated: V::I) -> V::I {
     v.sub_i(v.xor_i(a, is_negated), is_negated)
 }
 
-/// The first where the first word is all ones, the second where the second one is, else the third.
+/// The first in the lanes of the first mask, the second in those of the second, else the third.
 #[inline(always)]
-fn pick3<V: Vector>(v: V, first: V::I, second: V::I, [a, b, c]: [V::I; 3]) -> V::I {
-    v.pick(first, a, v.pick(second, b, c))
+fn select3<V: Vector>(v: V, first: u16, second: u16, [a, b, c]: [V::I; 3]) -> V::I {
+    v.select(first, a, v.select(second, b, c))
 }
 
 #[cfg(test)]
