@@ -459,8 +459,8 @@ impl Program {
         (self.plan.points[point].site).map(|site| self.plan.sites[site.0 as usize])
     }
 
-    /// Which rows of a request are the same in all states of a dispatch that stand at a point, a bit
-    /// each: the operands that are uniform.
+    /// The rows of a request that are the same in all states of a dispatch that stand at a point: a
+    /// bit for each uniform operand.
     pub fn uniform_operands(&self, point: ResumePoint) -> u16 {
         let (point, _) = self.plan.point_of(point.0);
         self.code.uniform_operands(point)

@@ -671,6 +671,7 @@ fn names_in_chains_are_told() {
 }
 
 /// A device is lost to a child of its process, which can ask why.
+#[cfg(unix)]
 #[test]
 fn a_child_is_told_that_it_is_one() {
     unsafe extern "C" {

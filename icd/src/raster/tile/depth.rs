@@ -168,14 +168,7 @@ impl Depth {
     /// # Safety
     /// As [`load`].
     #[inline(always)]
-    unsafe fn store<V: Vector>(
-        &self,
-        v: V,
-        places: &Places,
-        sample: u32,
-        mask: u16,
-        words: V::I,
-    ) {
+    unsafe fn store<V: Vector>(&self, v: V, places: &Places, sample: u32, mask: u16, words: V::I) {
         let target = &self.target;
         // SAFETY: the caller keeps the contract of `load`.
         unsafe {

@@ -10,7 +10,6 @@ use spirv_jit::program::{
 use super::interpolation::number;
 use super::lanes::{LANE_X, LANE_Y, Row};
 use super::samples::Locations;
-use super::shares::Steps;
 use crate::object::shading_rate::Rate;
 use crate::raster::primitive::{Chunk, Record};
 
@@ -78,6 +77,9 @@ pub(super) struct InterpolatedRow {
     pub word: u32,
     pub mode: BarycentricMode,
 }
+
+/// A varying of a primitive: its value at the first vertex, and the differences of the others.
+pub type Steps = [f32; 3];
 
 /// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
@@ -258,8 +260,8 @@ impl Inputs {
         self.fills.iter().take(rows).map(slope).collect()
     }
 
-    /// Adds the steps of a primitive's varyings, one for each of [`Self::varyings`]. Gives the place
-    /// of the first.
+    /// Adds the steps of a primitive's varyings, one for each of [`Self::varyings`]. Returns where
+    /// the first one is.
     pub fn steps(&self, record: &Record, chunk: &Chunk, steps: &mut Vec<Steps>) -> usize {
         let first_step = steps.len();
         let outputs = &chunk.outputs[..];

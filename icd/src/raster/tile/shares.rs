@@ -3,7 +3,7 @@
 use smallvec::SmallVec;
 use spirv_jit::program::AlignedRow;
 
-use super::inputs::Inputs;
+use super::inputs::{Inputs, Steps};
 use super::lanes::lanes_of;
 use super::pack::{Joined, Origin, Pack};
 use crate::raster::Chunk;
@@ -19,11 +19,8 @@ pub struct Share {
     steps: usize,
 }
 
-/// A varying of a primitive: its value at the first vertex, and the differences of the others.
-pub type Steps = [f32; 3];
-
-/// The shares of a wave. All lanes of a subgroup are of its first share, but for those of the
-/// shares that follow.
+/// The shares of a wave. All lanes of a subgroup are of its first share, except those of the shares
+/// that follow.
 #[derive(Default)]
 pub struct Shares {
     pub list: Vec<Share>,
@@ -65,7 +62,8 @@ impl Shares {
             }
         }
         let none = [AlignedRow([0; 16]); 2];
-        self.weights.resize(self.list.len().max(self.weights.len()), none);
+        self.weights
+            .resize(self.list.len().max(self.weights.len()), none);
     }
 
     fn add(

@@ -685,7 +685,9 @@ impl<'a> Visit<'a> {
             spread: &gather.packs,
         };
         let (output, counts) = (&current.plan.output, &mut self.counts);
-        start(tier, program, inputs, output, fragments, shares, runner, counts);
+        start(
+            tier, program, inputs, output, fragments, shares, runner, counts,
+        );
         runner.run_seen(program, &current.draw.environment, limits, seen.as_ref())?;
         let (plan, counts) = (current.plan, &mut self.counts);
         let Some(kind) = kind else {

@@ -102,7 +102,7 @@ pub(super) unsafe fn coordinate<'w>(
 
 /// Offsets of the two texels around places along an axis. A bit for each subgroup whose lanes have
 /// both inside, one behind the other.
-pub(super) struct Footprint<'a, 'b> {
+pub(super) struct AxisTexels<'a, 'b> {
     pub fast: &'b Fast<'a>,
     pub wave: &'b Wave<'b>,
     pub axis: usize,
@@ -111,7 +111,7 @@ pub(super) struct Footprint<'a, 'b> {
     pub weight: &'b mut ChunkRows,
 }
 
-impl<V: Vector> Task<V> for Footprint<'_, '_> {
+impl<V: Vector> Task<V> for AxisTexels<'_, '_> {
     type Output = u16;
 
     #[inline(always)]

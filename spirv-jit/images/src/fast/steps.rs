@@ -11,7 +11,7 @@ use super::super::rows::Wave;
 use super::super::{AddressMode, ImageOpKind};
 use super::Fast;
 use super::footprints::{
-    Blend, BlendNeighbours, BlendSlices, Combine, Compare, FetchTaps, Footprint, Taps, coordinate,
+    AxisTexels, Blend, BlendNeighbours, BlendSlices, Combine, Compare, FetchTaps, Taps, coordinate,
 };
 use super::planes::coordinates;
 
@@ -323,7 +323,7 @@ impl Fast<'_> {
                 on_face: &mut on_face,
             });
             for axis in 0..self.spatial {
-                inner[axis] = v.apart(Footprint {
+                inner[axis] = v.apart(AxisTexels {
                     fast: self,
                     wave,
                     axis,
