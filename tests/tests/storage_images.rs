@@ -225,21 +225,30 @@ fn sliced_view(gpu: &Gpu, volume: &Picture) -> vk::ImageView {
     gpu.view(&info)
 }
 
-/// A view of slices 5 to 7 of a volume: they count from zero, and others are outside of it.
-#[test]
-fn a_view_of_some_slices_has_no_others() {
-    // Older validation layers do not know the extension and hide its feature.
-    let gpu = Gpu::without_validation().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
+/// A driver with such views. Older validation layers do not know the extension and hide its
+/// feature.
+fn with_sliced_views() -> Option<Gpu> {
+    Gpu::without_validation().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
         gpu.optional.sliced_views.image_sliced_view_of3_d != 0
-    });
-    let Some(gpu) = gpu else {
-        return;
-    };
-    let shape = Shape {
+    })
+}
+
+/// A volume of 2×2×10 words.
+fn ten_slices() -> Shape {
+    Shape {
         kind: vk::ImageViewType::TYPE_3D,
         extent: [2, 2, 10],
         ..Shape::flat(F::R32_UINT, 0, 0)
+    }
+}
+
+/// A view of slices 5 to 7 of a volume: they count from zero, and others are outside of it.
+#[test]
+fn a_view_of_some_slices_has_no_others() {
+    let Some(gpu) = with_sliced_views() else {
+        return;
     };
+    let shape = ten_slices();
     let volume = gpu.picture(shape, STORAGE);
     gpu.upload(&volume, 0, &[7u32; 40]);
     let view = sliced_view(&gpu, &volume);
@@ -273,18 +282,10 @@ fn a_view_of_some_slices_has_no_others() {
 /// (`VkImageViewSlicedCreateInfoEXT`).
 #[test]
 fn samplers_see_all_slices_of_a_view_of_some() {
-    // Older validation layers do not know the extension and hide its feature.
-    let gpu = Gpu::without_validation().with("VK_EXT_image_sliced_view_of_3d", |gpu| {
-        gpu.optional.sliced_views.image_sliced_view_of3_d != 0
-    });
-    let Some(gpu) = gpu else {
+    let Some(gpu) = with_sliced_views() else {
         return;
     };
-    let shape = Shape {
-        kind: vk::ImageViewType::TYPE_3D,
-        extent: [2, 2, 10],
-        ..Shape::flat(F::R32_UINT, 0, 0)
-    };
+    let shape = ten_slices();
     let volume = gpu.picture(shape, STORAGE | vk::ImageUsageFlags::SAMPLED);
     let texels: Vec<u32> = (100..140).collect();
     gpu.upload(&volume, 0, &texels);
