@@ -106,8 +106,8 @@ lanes::vectors! {
 }
 
 lanes::vectors! {
-    /// Puts a wave's subgroups at the program's entry, with their inputs. `shares`: of the packs;
-    /// the rest of their memory is used, too.
+    /// Puts a wave's subgroups at the program's entry, with their inputs. `shares`: those of the
+    /// packs; this overwrites their weights.
     pub fn start<V>(
         v,
         program: &Program,

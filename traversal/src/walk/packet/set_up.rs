@@ -210,8 +210,9 @@ fn widened<V: Vector>(
 }
 
 impl Rays {
-    /// Sets the rays of `lanes` up for a top level. Returns those that go the way of the first, or
-    /// none if the set-up is not for some; unless these are all, there is no set-up.
+    /// Sets up the rays of `lanes` for a top level. Returns the rays whose signs and longest axis
+    /// are those of the first one, or none if the numbers of some ray are too large or its inverses
+    /// too steep. The set-up is complete only if all rays are returned.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -259,9 +260,9 @@ impl Rays {
         }
     }
 
-    /// Sets rays up that are in the space of a level, and finds what they have in common: returns
-    /// what [`Self::set_up_top`] does. `origin_error`: by how much to make boxes larger in a top
-    /// level, relative to how far from the origin of space rays start.
+    /// Sets up rays that are in the space of a level, and their common signs, axis and bounds.
+    /// Returns the same lanes as [`Self::set_up_top`]. `origin_error`: the growth of boxes in a top
+    /// level, relative to the distance of the rays' origins from that of space.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
