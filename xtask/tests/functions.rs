@@ -21,8 +21,7 @@ const TABLES: [(&str, &str); 8] = [
 
 /// Inner loops of walks, samples and loads. Each is compiled for an instruction set as a whole,
 /// with its values in registers.
-const LOOPS: [(&str, &str); 9] = [
-    ("spirv-jit/images/src/fast/planes.rs", "run"),
+const LOOPS: [(&str, &str); 8] = [
     ("spirv-jit/src/interp/access.rs", "run"),
     ("spirv-jit/src/interp/gather/x86.rs", "load_quarters"),
     ("traversal/src/walk/boxes.rs", "go"),

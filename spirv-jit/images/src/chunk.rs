@@ -175,11 +175,7 @@ pub(super) unsafe fn put<V: Vector>(
     texels: &mut Texels,
 ) {
     let count = wave.subgroups.len().min(SUBGROUPS);
-    let decoder = Decoder::of(info);
-    let is_expanded = matches!(
-        decoder,
-        Decoder::SharedExponent | Decoder::Colors | Decoder::Ramps
-    );
+    let is_expanded = Decoder::of(info).is_expanded();
     let sources = swizzle.map(|from| Source::of_view(info, from));
     let mut wanted = 0;
     for (source, result) in sources.iter().zip(&wave.results) {
@@ -196,15 +192,16 @@ pub(super) unsafe fn put<V: Vector>(
                 size_bytes: info.size_bytes,
                 wanted: if is_expanded { 0xf } else { wanted },
                 count,
-                texels: &mut *texels,
+                offsets: &texels.offsets,
+                words: texels.words.each_mut(),
             });
         }
         if is_expanded && wanted != 0 {
             v.apart(Expand {
                 info,
-                decoder,
                 count,
-                texels: &mut *texels,
+                index: &texels.index,
+                words: texels.words.each_mut(),
             });
         }
         if wanted != 0
@@ -303,7 +300,8 @@ pub(super) struct Fetch<'a> {
     /// A bit a word.
     pub wanted: u8,
     pub count: usize,
-    pub texels: &'a mut Texels,
+    pub offsets: &'a ChunkRows,
+    pub words: [&'a mut ChunkRows; 4],
 }
 
 impl Fetch<'_> {
@@ -313,12 +311,13 @@ impl Fetch<'_> {
     /// As [`put`].
     #[inline(always)]
     unsafe fn single<V: Vector, const SIZE: u32>(self, v: V) {
-        let (base, texels) = (self.base, self.texels);
+        let (base, offsets) = (self.base, self.offsets);
+        let [words_of_all, ..] = self.words;
         // SAFETY: the caller keeps the contract of `put`.
         unsafe {
-            let pattern = Pattern::of(v, texels.offsets.row(0), SIZE);
+            let pattern = Pattern::of(v, offsets.row(0), SIZE);
             for index in 0..self.count {
-                let places = texels.offsets.row(index);
+                let places = offsets.row(index);
                 let words = match &pattern {
                     Some(pattern) if pattern.has(v, places) => {
                         pattern.load::<SIZE>(v, base.add(places[0] as usize))
@@ -329,7 +328,7 @@ impl Fetch<'_> {
                         _ => v.words_at(base, places),
                     },
                 };
-                texels.words[0].put(v, index, words);
+                words_of_all.put(v, index, words);
             }
         }
     }
@@ -349,20 +348,20 @@ impl<V: Vector> Task<V> for Fetch<'_> {
                 4 => return self.single::<V, 4>(v),
                 _ => {}
             }
-            let texels = self.texels;
+            let (offsets, words) = (self.offsets, self.words);
             match self.size_bytes {
                 8 | 16 if wanted.count_ones() == 1 => {
                     let word = wanted.trailing_zeros() as usize & 3;
                     let base = base.add(4 * word);
                     for index in 0..count {
-                        let words = v.words_at(base, texels.offsets.row(index));
-                        texels.words[word].put(v, index, words);
+                        let of_lanes = v.words_at(base, offsets.row(index));
+                        words[word].put(v, index, of_lanes);
                     }
                 }
                 8 => {
-                    let pattern = Pattern::of(v, texels.offsets.row(0), 8);
+                    let pattern = Pattern::of(v, offsets.row(0), 8);
                     for index in 0..count {
-                        let places = texels.offsets.row(index);
+                        let places = offsets.row(index);
                         let (a, b) = match &pattern {
                             Some(pattern) if pattern.has(v, places) => {
                                 let first = base.add(places[0] as usize);
@@ -370,42 +369,42 @@ impl<V: Vector> Task<V> for Fetch<'_> {
                             }
                             _ => v.pairs_at(base, places),
                         };
-                        texels.words[0].put(v, index, a);
-                        texels.words[1].put(v, index, b);
+                        words[0].put(v, index, a);
+                        words[1].put(v, index, b);
                     }
                 }
                 16 => {
                     for index in 0..count {
-                        let [a, b, c, d] = v.quads_at(base, texels.offsets.row(index));
-                        texels.words[0].put(v, index, a);
-                        texels.words[1].put(v, index, b);
-                        texels.words[2].put(v, index, c);
-                        texels.words[3].put(v, index, d);
+                        let [a, b, c, d] = v.quads_at(base, offsets.row(index));
+                        words[0].put(v, index, a);
+                        words[1].put(v, index, b);
+                        words[2].put(v, index, c);
+                        words[3].put(v, index, d);
                     }
                 }
                 3 => {
                     for index in 0..count {
-                        let places = texels.offsets.row(index);
+                        let places = offsets.row(index);
                         let low = v.scalars_at::<u16>(base, places);
                         let high = v.scalars_at::<u8>(base.add(2), places);
-                        texels.words[0].put(v, index, v.or_i(low, v.left_i(high, 16)));
+                        words[0].put(v, index, v.or_i(low, v.left_i(high, 16)));
                     }
                 }
                 6 => {
                     for index in 0..count {
-                        let places = texels.offsets.row(index);
-                        texels.words[0].put(v, index, v.words_at(base, places));
+                        let places = offsets.row(index);
+                        words[0].put(v, index, v.words_at(base, places));
                         let high = v.scalars_at::<u16>(base.add(4), places);
-                        texels.words[1].put(v, index, high);
+                        words[1].put(v, index, high);
                     }
                 }
                 _ => {
                     for index in 0..count {
-                        let places = texels.offsets.row(index);
+                        let places = offsets.row(index);
                         let (a, b) = v.pairs_at(base, places);
-                        texels.words[0].put(v, index, a);
-                        texels.words[1].put(v, index, b);
-                        texels.words[2].put(v, index, v.words_at(base.add(8), places));
+                        words[0].put(v, index, a);
+                        words[1].put(v, index, b);
+                        words[2].put(v, index, v.words_at(base.add(8), places));
                     }
                 }
             }
@@ -414,11 +413,12 @@ impl<V: Vector> Task<V> for Fetch<'_> {
 }
 
 /// Decodes the words of texels to a word a component.
-struct Expand<'a> {
-    info: &'a FormatInfo,
-    decoder: Decoder,
-    count: usize,
-    texels: &'a mut Texels,
+pub(super) struct Expand<'a> {
+    pub info: &'a FormatInfo,
+    pub count: usize,
+    /// Of texels in blocks.
+    pub index: &'a ChunkRows,
+    pub words: [&'a mut ChunkRows; 4],
 }
 
 impl<V: Vector> Task<V> for Expand<'_> {
@@ -426,37 +426,34 @@ impl<V: Vector> Task<V> for Expand<'_> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) {
-        let Expand {
-            info,
-            decoder,
-            count,
-            texels,
-        } = self;
+        let info = self.info;
+        let decoder = Decoder::of(info);
         let size_bytes = info.size_bytes;
-        for subgroup in 0..count {
+        let [a, b, c, d] = self.words;
+        for subgroup in 0..self.count {
             let zero = v.splat_i(0);
             let mut words = [zero; 4];
             let mut index = zero;
             // SAFETY: the caller guarantees that the words of texels of such a size were fetched,
             // and that texels in blocks have indices.
             unsafe {
-                words[0] = texels.words[0].get(v, subgroup);
+                words[0] = a.get(v, subgroup);
                 if size_bytes >= 8 {
-                    words[1] = texels.words[1].get(v, subgroup);
+                    words[1] = b.get(v, subgroup);
                 }
                 if size_bytes == 16 {
-                    words[2] = texels.words[2].get(v, subgroup);
-                    words[3] = texels.words[3].get(v, subgroup);
+                    words[2] = c.get(v, subgroup);
+                    words[3] = d.get(v, subgroup);
                 }
                 if decoder != Decoder::SharedExponent {
-                    index = texels.index.get(v, subgroup);
+                    index = self.index.get(v, subgroup);
                 }
             }
             let numbers = expand(v, info, decoder, words, index);
-            texels.words[0].put(v, subgroup, v.bits_of(numbers[0]));
-            texels.words[1].put(v, subgroup, v.bits_of(numbers[1]));
-            texels.words[2].put(v, subgroup, v.bits_of(numbers[2]));
-            texels.words[3].put(v, subgroup, v.bits_of(numbers[3]));
+            a.put(v, subgroup, v.bits_of(numbers[0]));
+            b.put(v, subgroup, v.bits_of(numbers[1]));
+            c.put(v, subgroup, v.bits_of(numbers[2]));
+            d.put(v, subgroup, v.bits_of(numbers[3]));
         }
     }
 }
@@ -500,6 +497,12 @@ impl<V: Vector> Task<V> for Decode<'_, '_> {
                     for index in 0..count {
                         let code = field.code(v, words.get(v, index));
                         wave.put_component(v, index, component, code);
+                    }
+                }
+                Source::Fixed(field) if field.is_unsigned() => {
+                    for index in 0..count {
+                        let number = field.unsigned(v, words.get(v, index));
+                        wave.put_component(v, index, component, v.bits_of(number));
                     }
                 }
                 Source::Fixed(field) => {

@@ -19,8 +19,9 @@ pub(super) enum Decoder {
     Halves,
     /// The words are the numbers.
     Words,
-    /// Becomes words first ([`expand`]), as all of the following.
+    /// Bytes, of which colours are looked up.
     Srgb,
+    /// Becomes a word a component first ([`expand`]), as the two kinds of blocks.
     SharedExponent,
     /// BC1, BC2 and BC3.
     Colors,
@@ -31,6 +32,14 @@ pub(super) enum Decoder {
 }
 
 impl Decoder {
+    /// Whether texels are decoded to a word a component before one is looked at.
+    pub(super) fn is_expanded(self) -> bool {
+        matches!(
+            self,
+            Decoder::SharedExponent | Decoder::Colors | Decoder::Ramps
+        )
+    }
+
     pub(super) fn of(info: &FormatInfo) -> Decoder {
         if let Codec::Blocks(blocks) = info.codec {
             return match blocks.scheme {
@@ -188,6 +197,24 @@ impl Field {
         }
     }
 
+    /// Whether the number of [`Self::fixed`] is the code, which has no sign.
+    #[inline(always)]
+    pub(super) fn is_code(&self) -> bool {
+        !self.is_integer && !self.is_signed && self.divisor.divisor == 1.0
+    }
+
+    /// Whether [`Self::unsigned`] serves.
+    #[inline(always)]
+    pub(super) fn is_unsigned(&self) -> bool {
+        !self.is_integer && !self.is_signed
+    }
+
+    /// As [`Self::fixed`], of a code without a sign over its greatest value.
+    #[inline(always)]
+    pub(super) fn unsigned<V: Vector>(&self, v: V, word: V::I) -> V::F {
+        self.divisor.quotient(v, v.to_f(self.code(v, word)))
+    }
+
     /// For [`Decoder::Fields`].
     #[inline(always)]
     pub(super) fn fixed<V: Vector>(&self, v: V, word: V::I) -> V::F {
@@ -221,19 +248,6 @@ pub(super) fn expand<V: Vector>(
     index: V::I,
 ) -> [V::F; 4] {
     match decoder {
-        Decoder::Srgb => {
-            let [linear] = v.bytes_in(&srgb::LINEAR, [words[0]]);
-            let mut texel = [v.splat(0.0); 4];
-            for (component, channel) in info.channels.iter().enumerate() {
-                texel[component] = match (component, channel.offset) {
-                    (3, _) => v.div_units(v.to_f(v.byte(words[0], 3)), 255.0),
-                    (_, 0) => linear[0],
-                    (_, 8) => linear[1],
-                    _ => linear[2],
-                };
-            }
-            texel
-        }
         Decoder::SharedExponent => {
             // The power of two is a normal number: products are exact.
             let exponent = v.add_i(v.right_u(words[0], 27), v.splat_i(127 - 15 - 9));

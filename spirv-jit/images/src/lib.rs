@@ -12,6 +12,7 @@ mod chunk;
 pub mod compressed;
 mod cube;
 mod decode;
+mod derivatives;
 pub mod execute;
 pub mod fast;
 pub mod format;

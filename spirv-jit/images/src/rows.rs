@@ -1,7 +1,7 @@
 //! The rows that the subgroups of a wave read and write.
 
 use lanes::vector::Vector;
-use lanes::{LaneMask, Row};
+use lanes::{LANES, LaneMask, Row};
 
 use super::ImageOp;
 
@@ -75,6 +75,21 @@ impl Wave<'_> {
             let subgroup = *self.subgroups.get_unchecked(index);
             &*self.operands.get_unchecked(operand).of(subgroup)
         }
+    }
+
+    /// The operand rows of a subgroup, and how many these are.
+    ///
+    /// # Safety
+    /// As [`Self::mask`].
+    #[inline(always)]
+    pub(super) unsafe fn operand_rows(&self, index: usize) -> ([&Row; MAX_OPERANDS], usize) {
+        let count = self.operands.len().min(MAX_OPERANDS);
+        let mut rows = [&[0; LANES]; MAX_OPERANDS];
+        for (operand, row) in rows.iter_mut().enumerate().take(count) {
+            // SAFETY: the caller keeps the contract of `Self::mask`.
+            *row = unsafe { self.operand(index, operand) };
+        }
+        (rows, count)
     }
 
     /// The depth that texels are compared with.

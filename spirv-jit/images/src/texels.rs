@@ -458,64 +458,6 @@ unsafe fn put_odd(base: *mut u8, places: &[u32; LANES], mask: u16, rows: &Texels
     });
 }
 
-/// Loads a texel per lane, as [`block::load`] does; vectors decode the format.
-///
-/// # Safety
-/// `base + offsets` is readable for the format's size, in every lane; offsets are less than 2^31.
-#[inline(always)]
-pub(crate) unsafe fn load<V: Vector>(
-    v: V,
-    info: &FormatInfo,
-    base: *const u8,
-    offsets: V::I,
-) -> [V::I; 4] {
-    let mut words = [v.splat_i(0); 4];
-    let mut places = [0; LANES];
-    let size = info.size_bytes;
-    let is_row = matches!(size, 1 | 2 | 4) && {
-        v.store_i(offsets, &mut places);
-        is_row(v, offsets, places[0], size as u32)
-    };
-    // SAFETY: the caller keeps the contract of this function; each access lies inside the texel.
-    unsafe {
-        let row = base.add(places[0] as usize);
-        match size {
-            1 if is_row => {
-                let codes = row.cast::<[u8; LANES]>().read_unaligned();
-                words[0] = v.load_i(&map(&codes, u32::from));
-            }
-            1 => words[0] = v.gather_scalars::<u8>(base, offsets),
-            2 if is_row => {
-                let codes = row.cast::<[u16; LANES]>().read_unaligned();
-                words[0] = v.load_i(&map(&codes, u32::from));
-            }
-            2 => words[0] = v.gather_scalars::<u16>(base, offsets),
-            3 => {
-                let low = v.gather_scalars::<u16>(base, offsets);
-                let high = v.gather_scalars::<u8>(base.add(2), offsets);
-                words[0] = v.or_i(low, v.left_i(high, 16));
-            }
-            4 if is_row => {
-                words[0] = v.load_i(&row.cast::<[u32; LANES]>().read_unaligned());
-            }
-            4 => words[0] = v.gather(base, offsets),
-            6 => {
-                words[0] = v.gather(base, offsets);
-                words[1] = v.gather_scalars::<u16>(base.add(4), offsets);
-            }
-            8 => (words[0], words[1]) = v.gather_pairs(base, offsets),
-            12 => {
-                (words[0], words[1]) = v.gather_pairs(base, offsets);
-                words[2] = v.gather(base.add(8), offsets);
-            }
-            // Four components of 32 bits are the words.
-            _ if info.channels[3].bits == 32 => return v.gather_quads(base, offsets),
-            _ => words = v.gather_quads(base, offsets),
-        }
-    }
-    decode(v, info, &words)
-}
-
 lanes::vectors! {
     /// Stores texels one behind the other: sixteen of each of `texels`, the last ones perhaps in
     /// part. The format is one for vectors.

@@ -124,6 +124,7 @@ const HOUSES: [House; 4] = [
             "lod",
             "cube",
             "address",
+            "derivatives",
             "operands",
             "rows",
             "residency",

@@ -23,21 +23,6 @@ pub(super) struct Axis<V: Vector> {
     pub inside: [u16; 2],
 }
 
-impl<V: Vector> Axis<V> {
-    /// That of an axis which the image does not have.
-    #[inline(always)]
-    pub(super) fn none(v: V) -> Axis<V> {
-        Axis {
-            is_inner: true,
-            at: v.splat_i(0),
-            index: [v.splat_i(0); 2],
-            offsets: [v.splat_i(0); 2],
-            weight: v.splat(0.0),
-            inside: [u16::MAX; 2],
-        }
-    }
-}
-
 /// The least number but one.
 const ABOVE_LEAST: f32 = f32::MIN.next_up();
 
@@ -123,6 +108,25 @@ impl Fast<'_> {
                 self.axis(v, mode, (coordinate, offset), along).index[0]
             }
         }
+    }
+
+    /// As [`Self::nearest`] of the mode that has a border, and the lanes whose texel is not the
+    /// border's.
+    #[inline(always)]
+    pub(super) fn nearest_or_border<V: Vector>(
+        &self,
+        v: V,
+        place: (V::F, Option<V::I>),
+        size: V::I,
+    ) -> (V::I, u16) {
+        let along = Along {
+            size,
+            stride: size,
+            block_shift: 0,
+            looked_at: 0,
+        };
+        let axis = self.axis(v, AddressMode::ClampToBorder, place, along);
+        (axis.index[0], axis.inside[0])
     }
 
     /// A coordinate in texels. Periodic modes reduce it, others clamp it near the level.

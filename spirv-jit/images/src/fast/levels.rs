@@ -2,31 +2,252 @@
 
 use std::mem::offset_of;
 
-use lanes::vector::Vector;
-use lanes::{LANES, Row};
+use lanes::vector::{Task, Vector};
+use lanes::{LANES, Row, quad};
 
+use super::super::chunk::{ChunkRows, SUBGROUPS};
+use super::super::derivatives::{derivatives, put_derivatives};
 use super::super::lod;
+use super::super::operands::Operands;
+use super::super::rows::Wave;
 use super::super::{Filter, Level, LodMode};
 use super::Fast;
 
-/// The levels of the lanes.
-pub(super) struct Levels<'a, V: Vector> {
-    /// The level of all of them, where it is one.
-    pub one: Option<&'a Level>,
-    pub width: V::I,
-    pub height: V::I,
-    /// Of 3D images, as the slices' stride.
-    pub depth: V::I,
-    pub row_stride: V::I,
-    pub slice_stride: V::I,
-    pub offset: V::I,
+/// The levels of detail that the lanes of a chunk sample.
+pub(super) struct Lods {
+    /// Numbers of levels.
+    pub levels: ChunkRows,
+    /// The weight of the level behind each.
+    pub weights: ChunkRows,
+    /// A bit for each subgroup some lane of which samples the level behind its own.
+    pub between: u16,
+    /// Of anisotropic samples, as [`Anisotropy`] has them.
+    pub counts: ChunkRows,
+    pub axes: [ChunkRows; 3],
+    /// Samples that some lane of a subgroup takes.
+    pub passes: [u8; SUBGROUPS],
+}
+
+impl Lods {
+    #[inline(always)]
+    pub fn new() -> Lods {
+        Lods {
+            levels: ChunkRows::new(),
+            weights: ChunkRows::new(),
+            between: 0,
+            counts: ChunkRows::new(),
+            axes: [const { ChunkRows::new() }; 3],
+            passes: [1; SUBGROUPS],
+        }
+    }
+
+    /// Along which places a subgroup's samples are.
+    ///
+    /// # Safety
+    /// They were put, of an anisotropic sample.
+    #[inline(always)]
+    pub unsafe fn anisotropy<V: Vector>(&self, v: V, index: usize) -> Anisotropy<V> {
+        // SAFETY: the caller guarantees that these were put.
+        unsafe {
+            Anisotropy {
+                count: v.bits_to_f(self.counts.get(v, index)),
+                axis: [
+                    v.bits_to_f(self.axes[0].get(v, index)),
+                    v.bits_to_f(self.axes[1].get(v, index)),
+                    v.bits_to_f(self.axes[2].get(v, index)),
+                ],
+            }
+        }
+    }
+}
+
+/// Chooses the levels of detail.
+pub(super) struct ChooseLods<'a, 'b> {
+    pub fast: &'b Fast<'a>,
+    pub wave: &'b Wave<'b>,
+    pub lods: &'b mut Lods,
+}
+
+impl<V: Vector> Task<V> for ChooseLods<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let (fast, wave) = (&{ *self.fast }, &{ *self.wave });
+        let lods = self.lods;
+        for index in 0..wave.subgroups.len() {
+            // SAFETY: the caller keeps the contract of `Fast::sample`.
+            unsafe {
+                let mask = wave.mask(index);
+                let (lod, footprint) = match fast.op.lod {
+                    LodMode::Implicit => (None, None),
+                    LodMode::Bias | LodMode::Lod => (Some(wave.lod(fast.op, index, 0)), None),
+                    LodMode::Grad => (None, Some(fast.footprint_of(v, wave, index, mask))),
+                };
+                #[expect(clippy::manual_map, reason = "closures are not compiled for the tier")]
+                let lambda = match &footprint {
+                    Some(footprint) => Some(footprint.lambda),
+                    None => None,
+                };
+                let (level, weight) = fast.chosen_levels(v, lod, lambda);
+                lods.levels.put(v, index, level);
+                lods.weights.put(v, index, v.bits_of(weight));
+                let is_between = v.gt(weight, v.splat(0.0)) & mask != 0;
+                lods.between |= u16::from(is_between) << (index % SUBGROUPS);
+                let anisotropy = match footprint {
+                    Some(footprint) => footprint.anisotropy,
+                    None => None,
+                };
+                if let Some(anisotropy) = anisotropy {
+                    let mut passes = 1;
+                    while anisotropy.goes_on(v, passes, mask) {
+                        passes += 1;
+                    }
+                    lods.passes[index % SUBGROUPS] = passes as u8;
+                    lods.counts.put(v, index, v.bits_of(anisotropy.count));
+                    for (rows, axis) in lods.axes.iter_mut().zip(anisotropy.axis) {
+                        rows.put(v, index, v.bits_of(axis));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The levels that the subgroups of a chunk sample, in each lane.
+pub(super) struct LevelRows {
+    /// Sizes of the axes.
+    sizes: [ChunkRows; 3],
+    /// Bytes from a line to the next, and from a slice to the next.
+    strides: [ChunkRows; 2],
+    /// Bytes to the first texel.
+    pub offsets: ChunkRows,
+    /// A bit for each subgroup whose lanes sample one level.
+    has_one: u16,
+}
+
+impl LevelRows {
+    #[inline(always)]
+    pub fn new() -> LevelRows {
+        LevelRows {
+            sizes: [const { ChunkRows::new() }; 3],
+            strides: [const { ChunkRows::new() }; 2],
+            offsets: ChunkRows::new(),
+            has_one: 0,
+        }
+    }
+
+    /// The size of an axis, and the bytes between its texels or blocks, which are given for the
+    /// first one.
+    ///
+    /// # Safety
+    /// The levels were put; they have such an axis.
+    #[inline(always)]
+    pub unsafe fn extent<V: Vector>(
+        &self,
+        v: V,
+        index: usize,
+        axis: usize,
+        texel_bytes: V::I,
+    ) -> (V::I, V::I) {
+        // SAFETY: the caller guarantees that the levels were put.
+        unsafe {
+            let stride = match axis {
+                0 => texel_bytes,
+                _ => self.strides[(axis - 1) & 1].get(v, index),
+            };
+            (self.sizes[axis].get(v, index), stride)
+        }
+    }
+
+    /// The lanes that have to be inside for texels to be looked at as they lie.
+    #[inline(always)]
+    pub fn looked_at(&self, index: usize, mask: u16) -> u16 {
+        match self.has_one >> (index % SUBGROUPS) & 1 {
+            1 => mask,
+            _ => u16::MAX,
+        }
+    }
+}
+
+/// Puts the chosen levels, or those behind them.
+pub(super) struct PutLevels<'a, 'b> {
+    pub fast: &'b Fast<'a>,
+    pub wave: &'b Wave<'b>,
+    pub levels: &'b ChunkRows,
+    pub is_next: bool,
+    pub to: &'b mut LevelRows,
+}
+
+impl<V: Vector> Task<V> for PutLevels<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let (fast, wave) = (&{ *self.fast }, &{ *self.wave });
+        let to = self.to;
+        to.has_one = 0;
+        let levels = &fast.image.levels;
+        let last = v.splat_i(fast.image.level_count as i32 - 1);
+        for index in 0..wave.subgroups.len() {
+            // SAFETY: the caller guarantees that levels were chosen, which are the image's; fields
+            // of these are gathered.
+            unsafe {
+                let mut level = self.levels.get(v, index);
+                if self.is_next {
+                    level = v.min_i(v.add_i(level, v.splat_i(1)), last);
+                }
+                let mask = wave.mask(index);
+                let mut row = [0; LANES];
+                v.store_i(level, &mut row);
+                let first = row[mask.trailing_zeros() as usize & 15];
+                // Inactive lanes follow the first active one.
+                if v.ne_i(level, v.splat_i(first as i32)) & mask == 0 {
+                    let level = &levels[first as usize];
+                    let sizes = [level.width, level.height, level.depth];
+                    for (rows, size) in to.sizes.iter_mut().zip(sizes).take(fast.spatial) {
+                        rows.put(v, index, v.splat_i(size as i32));
+                    }
+                    let strides = [level.row_stride_bytes, level.slice_stride_bytes];
+                    for (rows, stride) in to.strides.iter_mut().zip(strides) {
+                        rows.put(v, index, v.splat_i(stride as i32));
+                    }
+                    to.offsets
+                        .put(v, index, v.splat_i(level.offset_bytes as i32));
+                    to.has_one |= 1 << (index % SUBGROUPS);
+                    continue;
+                }
+                let at = v.mul_i(level, v.splat_i(size_of::<Level>() as i32));
+                let base = levels.as_ptr().cast::<u8>();
+                // The lower words of 64-bit fields.
+                let low = if cfg!(target_endian = "big") { 4 } else { 0 };
+                let sizes = [
+                    offset_of!(Level, width),
+                    offset_of!(Level, height),
+                    offset_of!(Level, depth),
+                ];
+                for (rows, size) in to.sizes.iter_mut().zip(sizes).take(fast.spatial) {
+                    rows.put(v, index, v.gather(base.add(size), at));
+                }
+                let strides = [
+                    offset_of!(Level, row_stride_bytes),
+                    offset_of!(Level, slice_stride_bytes),
+                ];
+                for (rows, stride) in to.strides.iter_mut().zip(strides) {
+                    rows.put(v, index, v.gather(base.add(stride + low), at));
+                }
+                let offset = v.gather(base.add(offset_of!(Level, offset_bytes) + low), at);
+                to.offsets.put(v, index, offset);
+            }
+        }
+    }
 }
 
 /// The footprints of the lanes' samples from their derivatives, as in [`lod`].
-pub(super) struct Footprint<V: Vector> {
+struct Footprint<V: Vector> {
     /// λ', without bias.
-    pub lambda: V::F,
-    pub anisotropy: Option<Anisotropy<V>>,
+    lambda: V::F,
+    anisotropy: Option<Anisotropy<V>>,
 }
 
 /// Sampling along the longer axis of a footprint.
@@ -54,7 +275,7 @@ impl<V: Vector> Anisotropy<V> {
 
     /// Whether lanes of the mask take a sample `pass`.
     #[inline(always)]
-    pub(super) fn goes_on(&self, v: V, pass: u32, mask: u16) -> bool {
+    fn goes_on(&self, v: V, pass: u32, mask: u16) -> bool {
         v.gt(self.count, v.splat(pass as f32)) & mask != 0
     }
 
@@ -85,30 +306,62 @@ fn log2<V: Vector>(v: V, x: V::F) -> V::F {
     v.add(exponent, v.mul(t, series))
 }
 
-/// One level for all lanes.
-#[inline(always)]
-pub(super) fn levels_of<V: Vector>(v: V, level: &Level) -> Levels<'_, V> {
-    Levels {
-        one: Some(level),
-        width: v.splat_i(level.width as i32),
-        height: v.splat_i(level.height as i32),
-        depth: v.splat_i(level.depth as i32),
-        slice_stride: v.splat_i(level.slice_stride_bytes as i32),
-        row_stride: v.splat_i(level.row_stride_bytes as i32),
-        offset: v.splat_i(level.offset_bytes as i32),
-    }
-}
-
 #[inline(always)]
 fn square_length<V: Vector>(v: V, x: V::F, y: V::F) -> V::F {
     v.add(v.mul(x, x), v.mul(y, y))
 }
 
 impl Fast<'_> {
+    /// The footprints of a subgroup's samples, by derivatives that are operands, or are those of
+    /// the coordinates.
+    ///
+    /// # Safety
+    /// As [`Fast::sample`].
+    #[inline(always)]
+    unsafe fn footprint_of<V: Vector>(
+        &self,
+        v: V,
+        wave: &Wave<'_>,
+        index: usize,
+        mask: u16,
+    ) -> Footprint<V> {
+        // SAFETY: the caller keeps the contract of `Fast::sample`.
+        unsafe {
+            if self.is_cube {
+                let (mut rows, count) = wave.operand_rows(index);
+                let derived;
+                if wave.derives {
+                    derived = derivatives(v, self.op, &rows, mask);
+                    put_derivatives(self.op, &derived, &mut rows);
+                }
+                let operands = Operands::new(self.op, &rows[..count]);
+                let lod = lod::from_gradients(self.op, &operands, self.image, self.sampler);
+                return Footprint {
+                    lambda: v.load(&lod::words(&lod.lambda)),
+                    anisotropy: None,
+                };
+            }
+            let mut gradients = [[v.splat(0.0); 3]; 2];
+            for axis in 0..self.spatial {
+                if wave.derives {
+                    let at = v.load(wave.operand(index, axis));
+                    gradients[0][axis] = v.derivative::<{ quad::X }>(at, mask);
+                    gradients[1][axis] = v.derivative::<{ quad::Y }>(at, mask);
+                } else {
+                    let row = wave.lod(self.op, index, axis);
+                    gradients[0][axis] = v.load(row);
+                    let row = wave.lod(self.op, index, self.spatial + axis);
+                    gradients[1][axis] = v.load(row);
+                }
+            }
+            self.footprint(v, gradients)
+        }
+    }
+
     /// The footprints of derivatives along the screen's x, then y, by the image's axes; of the
     /// third one only in 3D images.
     #[inline(always)]
-    pub(super) fn footprint<V: Vector>(&self, v: V, derivatives: [[V::F; 3]; 2]) -> Footprint<V> {
+    fn footprint<V: Vector>(&self, v: V, derivatives: [[V::F; 3]; 2]) -> Footprint<V> {
         let base = &self.image.levels[0];
         let (width, height) = (v.splat(base.width as f32), v.splat(base.height as f32));
         let [[sx, tx, rx], [sy, ty, ry]] = derivatives;
@@ -153,7 +406,7 @@ impl Fast<'_> {
     /// The first of the levels that lanes sample, and the weight of the next. `lod` is bias or
     /// level, if the operation has one; `lambda` is that of a footprint.
     #[inline(always)]
-    pub(super) fn chosen_levels<V: Vector>(
+    fn chosen_levels<V: Vector>(
         &self,
         v: V,
         lod: Option<&Row>,
@@ -170,13 +423,6 @@ impl Fast<'_> {
                 (v.to_i(floor), v.sub(levels, floor))
             }
         }
-    }
-
-    /// The level behind each lane's.
-    #[inline(always)]
-    pub(super) fn next_level<V: Vector>(&self, v: V, level: V::I) -> V::I {
-        let last = v.splat_i(self.image.level_count as i32 - 1);
-        v.min_i(v.add_i(level, v.splat_i(1)), last)
     }
 
     /// λ' to d', as in [`lod`].
@@ -201,45 +447,5 @@ impl Fast<'_> {
         let lambda = v.max(lambda, v.splat(self.sampler.min_lod));
         let level = v.max(v.max(lambda, v.splat(0.0)), v.splat(self.image.min_lod));
         v.min(level, v.splat((self.image.level_count - 1) as f32))
-    }
-
-    /// # Safety
-    /// The levels are the image's.
-    #[inline(always)]
-    pub(super) unsafe fn levels<V: Vector>(&self, v: V, level: V::I, mask: u16) -> Levels<'_, V> {
-        if !self.has_levels() {
-            return levels_of(v, &self.image.levels[0]);
-        }
-        let mut row = [0; LANES];
-        v.store_i(level, &mut row);
-        let first = row[mask.trailing_zeros() as usize & 15];
-        // Inactive lanes follow the first active one.
-        if v.ne_i(level, v.splat_i(first as i32)) & mask == 0 {
-            return levels_of(v, &self.image.levels[first as usize]);
-        }
-        let at = v.mul_i(level, v.splat_i(size_of::<Level>() as i32));
-        let base = self.image.levels.as_ptr().cast::<u8>();
-        // The lower words of 64-bit fields.
-        let low = if cfg!(target_endian = "big") { 4 } else { 0 };
-        let (mut depth, mut slice_stride) = (level, level);
-        if self.spatial == 3 {
-            // SAFETY: fields of the image's levels.
-            unsafe {
-                depth = v.gather(base.add(offset_of!(Level, depth)), at);
-                slice_stride = v.gather(base.add(offset_of!(Level, slice_stride_bytes) + low), at);
-            }
-        }
-        // SAFETY: fields of the image's levels.
-        unsafe {
-            Levels {
-                one: None,
-                width: v.gather(base.add(offset_of!(Level, width)), at),
-                height: v.gather(base.add(offset_of!(Level, height)), at),
-                depth,
-                slice_stride,
-                row_stride: v.gather(base.add(offset_of!(Level, row_stride_bytes) + low), at),
-                offset: v.gather(base.add(offset_of!(Level, offset_bytes) + low), at),
-            }
-        }
     }
 }

@@ -2,30 +2,29 @@
 //! sampler is looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the
 //! machine. Gives the same results as [`sample`](super::sample), bit for bit.
 
+mod anisotropic;
 mod axis;
+mod blend;
 mod footprints;
 mod levels;
-mod planes;
+mod linear;
+mod nearest;
+mod places;
 mod steps;
-mod taps;
-mod texels;
-mod whole;
 
+use lanes::LANES;
 use lanes::vector::{FourOf, Vector};
-use lanes::{LANES, Row};
 
 use super::decode::Decoder;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::format::{FormatInfo, Numeric};
 use super::lod;
-use super::operands::Operands;
 use super::{
     AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
     SamplerDescriptor, TexelType,
 };
-pub(super) use taps::index_in_block;
-use whole::Whole;
+pub(super) use footprints::index_in_block;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub fn may_apply(op: &ImageOp) -> bool {
@@ -48,9 +47,6 @@ pub struct Fast<'a> {
     sampler: &'a SamplerDescriptor,
     /// A bit per component that is looked at.
     wanted: u8,
-    /// Texels are four bytes of 8 bits.
-    bytes: bool,
-    srgb: bool,
     /// The format has four linear bytes, and most of them are wanted: they are sampled in memory
     /// order, without a swizzle.
     straight: bool,
@@ -64,15 +60,11 @@ pub struct Fast<'a> {
     pairs: bool,
     /// Of linear samples of four numbers a texel, most of them wanted: a kind of [`FourOf`].
     four_of: Option<u8>,
-    /// Nearest texels need no more than [`texels::load`](super::texels::load).
-    is_loaded: bool,
     /// Binary logarithm of a block's width and height.
     block_shift: u32,
     has_border: bool,
     /// Several samples along a footprint, by derivatives.
     is_anisotropic: bool,
-    /// There is more to do than [`planes`] has code for: see [`Whole`].
-    has_more: bool,
 }
 
 impl<'a> Fast<'a> {
@@ -91,39 +83,24 @@ impl<'a> Fast<'a> {
         let modes = &sampler.address_mode[..spatial];
         let applies = Self::applies(op, image, info, sampler, modes);
         let is_gather = op.kind != ImageOpKind::Sample;
-        let srgb = matches!(info.codec, Codec::Srgb8Rgba | Codec::Srgb8Bgra);
-        let bytes = srgb || matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8);
+        let bytes = matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8);
         let in_order = image.swizzle == [0, 1, 2, 3];
         let has_border = !is_cube && modes.contains(&AddressMode::ClampToBorder);
         let is_anisotropic =
             !is_gather && !is_cube && op.lod == LodMode::Grad && lod::is_anisotropic(sampler);
         let decoder = Decoder::of(info);
-        let has_levels = image.level_count != 1;
         let is_nearest = !is_gather && sampler.mag_filter == Filter::Nearest;
-        let is_loaded = info.decoded_in_vectors && !has_border;
-        let has_more = match (is_gather, spatial) {
-            (true, _) => false,
-            _ if is_cube => true,
-            _ if has_border => true,
-            _ if op.depth_compare => true,
-            (_, 2) => false,
-            (_, 3) => is_anisotropic || has_levels && op.lod == LodMode::Grad,
-            _ => true,
-        };
         applies.then_some(Fast {
             op,
             image,
             info,
             sampler,
-            wanted: match is_gather {
-                true => whole::gathered_component(&op.kind, image).map_or(0, |source| 1 << source),
-                false if in_order => wanted,
+            wanted: match in_order {
+                _ if is_gather => 0xf,
+                true => wanted,
                 false => 0xf,
             },
-            bytes,
-            srgb,
             straight: bytes
-                && !srgb
                 && in_order
                 && wanted.count_ones() >= 3
                 && !op.depth_compare
@@ -133,17 +110,15 @@ impl<'a> Fast<'a> {
             spatial,
             decoder,
             pairs: decoder != Decoder::Each
-                && info.blocks().is_none()
+                && !decoder.is_expanded()
                 && info.size_bytes.is_power_of_two(),
-            is_loaded,
-            four_of: match is_gather || op.depth_compare || has_border {
+            four_of: match is_gather || op.depth_compare || has_border || spatial == 1 {
                 true => None,
                 false => four_of(info).filter(|_| !in_order || wanted.count_ones() >= 2),
             },
             block_shift: if info.blocks().is_some() { 2 } else { 0 },
             has_border,
             is_anisotropic,
-            has_more,
         })
     }
 
@@ -186,18 +161,8 @@ impl<'a> Fast<'a> {
     }
 
     #[inline(always)]
-    pub(super) fn op(&self) -> &ImageOp {
-        self.op
-    }
-
-    #[inline(always)]
     fn is_gather(&self) -> bool {
         self.op.kind != ImageOpKind::Sample
-    }
-
-    #[inline(always)]
-    fn has_words(&self) -> bool {
-        has_words(self.info)
     }
 
     #[inline(always)]
@@ -212,12 +177,6 @@ impl<'a> Fast<'a> {
     }
 }
 
-/// Whether texels are words, of one component.
-#[inline(always)]
-fn has_words(info: &FormatInfo) -> bool {
-    info.codec == Codec::Words(1) && info.size_bytes == 4
-}
-
 /// How the four components of texels lie, where [`Vector::blend_neighbours`] blends such.
 #[inline(always)]
 fn four_of(info: &FormatInfo) -> Option<u8> {
@@ -230,65 +189,23 @@ fn four_of(info: &FormatInfo) -> Option<u8> {
     }
 }
 
-/// The sample of a lane, in units (see [`block`]).
-pub(super) type Components<V> = [<V as Vector>::F; 4];
-
-/// Offsets of an operation that has some, in texels along the axes.
-pub(super) type Offsets<V> = [Option<<V as Vector>::I>; 3];
+/// Samples, in units (see [`block`]).
+type Components<V> = [<V as Vector>::F; 4];
 
 impl Fast<'_> {
-    /// The results of any sample of the lanes of `mask`, which is not empty. Those that are not
-    /// wanted are anything.
-    ///
-    /// # Safety
-    /// The image's memory stays allocated during the call.
+    /// Whether a component is wanted and the format has it.
     #[inline(always)]
-    pub(super) unsafe fn whole<V: Vector>(
-        &self,
-        v: V,
-        operands: &Operands<'_>,
-        mask: u16,
-    ) -> Components<V> {
-        let fast = self;
-        // SAFETY: the caller guarantees that the image's memory stays allocated during the call.
-        let components = unsafe {
-            v.apart(Whole {
-                fast,
-                operands,
-                mask,
-            })
-        };
-        self.finish(v, components)
+    fn takes(&self, component: usize) -> bool {
+        self.wanted >> component & 1 == 1 && self.info.channels[component].bits != 0
     }
 
+    /// Components in memory's order, as the format has them.
     #[inline(always)]
-    fn offsets<V: Vector>(&self, v: V, operands: &Operands<'_>) -> Offsets<V> {
-        if !self.op.has_offset {
-            return [None; 3];
+    fn in_order<F>(&self, [a, b, c, d]: [F; 4]) -> [F; 4] {
+        match self.info.codec {
+            Codec::Bgra8 => [c, b, a, d],
+            _ => [a, b, c, d],
         }
-        let mut offsets = [None; 3];
-        for axis in 0..self.spatial {
-            offsets[axis] = Some(v.load_i(operands.offsets[axis]));
-        }
-        offsets
-    }
-
-    /// The byte offsets of the lanes' layers.
-    #[inline(always)]
-    fn layer_offset<V: Vector>(&self, v: V, coordinate: Option<&Row>) -> V::I {
-        let Some(coordinate) = coordinate else {
-            return v.splat_i(0);
-        };
-        let layer = self.layer(v, coordinate, self.image.layer_count.max(1) as i32 - 1);
-        v.mul_i(layer, v.splat_i(self.image.layer_stride_bytes as i32))
-    }
-
-    /// The nearest layer to a coordinate ("Array Layer Selection").
-    #[inline(always)]
-    fn layer<V: Vector>(&self, v: V, coordinate: &Row, last: i32) -> V::I {
-        let layer = v.round_ties_even(v.load(coordinate));
-        let layer = v.max(layer, v.splat(0.0));
-        v.to_i(v.min(layer, v.splat(last as f32)))
     }
 
     /// Units to values, missing components, the view's component mapping: the results, where they
@@ -303,14 +220,7 @@ impl Fast<'_> {
                 v.div_units(components[3], 255.0),
             ];
         }
-        if self.is_gather() {
-            return self.gathered_values(v, components);
-        }
         if self.op.depth_compare {
-            return components;
-        }
-        // Those are values, of all four components.
-        if self.srgb && !self.has_more && self.image.swizzle == [0, 1, 2, 3] {
             return components;
         }
         let scale = block::unit_scale(self.info);

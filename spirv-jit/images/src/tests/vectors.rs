@@ -1,8 +1,9 @@
 //! Texels in vectors against the formats' own code for one texel, in every instruction set that the
 //! machine has.
 
+use super::super::chunk;
 use super::super::format::FormatInfo;
-use super::super::format::block::{self, Texels};
+use super::super::format::block::Texels;
 use super::super::plain::Plain;
 use super::super::texels;
 use super::super::wave::{self, Wave};
@@ -62,13 +63,15 @@ lanes::vectors! {
     /// # Safety
     /// They are readable.
     unsafe fn texels_at<V>(v, info: &FormatInfo, base: *const u8, places: &[u32; 16]) -> Texels {
-        let mut texels = [[0; 16]; 4];
-        // SAFETY: the caller guarantees that the texels are readable.
-        let loaded = unsafe { texels::load(v, info, base, v.load_i(places)) };
-        for (row, words) in texels.iter_mut().zip(loaded) {
-            v.store_i(words, row);
-        }
-        texels
+        let mut results = [[0; 16]; 4];
+        wave::of_one(&[], u16::MAX, &mut results, |one| {
+            let mut texels = chunk::Texels::new();
+            texels.offsets.put(v, 0, v.load_i(places));
+            // SAFETY: the caller guarantees that the texels are readable; the wave has a row of
+            // each result.
+            unsafe { chunk::put(v, info, base, [0, 1, 2, 3], one, &mut texels) };
+        });
+        results
     }
 }
 
@@ -109,8 +112,7 @@ fn load(format: Format, memory: &[u8], places: &[u32; 16]) {
     let size = info.size_bytes as usize;
     for &tier in Tier::available() {
         // SAFETY: the places are in the memory, and the machine has the tier.
-        let mut texels = unsafe { texels_at(tier, info, memory.as_ptr(), places) };
-        block::finish(info, &mut texels);
+        let texels = unsafe { texels_at(tier, info, memory.as_ptr(), places) };
         for lane in 0..16 {
             let words = info.decode(&memory[places[lane] as usize..][..size]);
             assert_eq!(texels.map(|row| row[lane]), words, "{}, {tier}", info.name);

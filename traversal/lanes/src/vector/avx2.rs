@@ -491,28 +491,6 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
-        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are readable
-        // at `at` and 1 to 4 strides behind it.
-        unsafe {
-            let texels = [
-                _mm256_loadu_si256(at.cast()),
-                _mm256_loadu_si256(at.add(stride_bytes).cast()),
-                _mm256_loadu_si256(at.add(2 * stride_bytes).cast()),
-                _mm256_loadu_si256(at.add(3 * stride_bytes).cast()),
-                _mm256_loadu_si256(at.add(4 * stride_bytes).cast()),
-            ];
-            let low = half_window(&texels, columns[0], rows[0]);
-            let high = half_window(&texels, columns[1], rows[1]);
-            [
-                [low[0], high[0]],
-                [low[1], high[1]],
-                [low[2], high[2]],
-                [low[3], high[3]],
-            ]
-        }
-    }
-    #[inline(always)]
     unsafe fn gather(self, base: *const u8, [a, b]: I) -> I {
         // SAFETY: the token proves the features; the caller guarantees that four bytes are readable
         // at each.
@@ -700,47 +678,6 @@ unsafe fn lanes(mask: u16) -> I {
             _mm256_cmpeq_epi32(low, bits),
             _mm256_cmpeq_epi32(high, bits),
         ]
-    }
-}
-
-/// [`Vector::window`] of eight lanes.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-unsafe fn half_window(texels: &[__m256i; 5], columns: __m256i, rows: __m256i) -> [__m256i; 4] {
-    // SAFETY: the caller guarantees that the machine has AVX2.
-    unsafe {
-        let right = _mm256_add_epi32(columns, _mm256_set1_epi32(1));
-        let is_in = [
-            _mm256_cmpeq_epi32(rows, _mm256_set1_epi32(1)),
-            _mm256_cmpeq_epi32(rows, _mm256_set1_epi32(2)),
-            _mm256_cmpeq_epi32(rows, _mm256_set1_epi32(3)),
-        ];
-        let [a, c] = two_rows(texels, columns, &is_in);
-        let [b, d] = two_rows(texels, right, &is_in);
-        [a, b, c, d]
-    }
-}
-
-/// Words at the lanes' columns in their rows, and in those below; `is_in`: whether the rows are 1,
-/// 2 and 3.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-unsafe fn two_rows(texels: &[__m256i; 5], columns: __m256i, is_in: &[__m256i; 3]) -> [__m256i; 2] {
-    // SAFETY: the caller guarantees that the machine has AVX2.
-    unsafe {
-        let mut upper = _mm256_permutevar8x32_epi32(texels[0], columns);
-        let mut lower = _mm256_permutevar8x32_epi32(texels[1], columns);
-        let mut next = lower;
-        for row in 0..3 {
-            upper = _mm256_blendv_epi8(upper, next, is_in[row]);
-            next = _mm256_permutevar8x32_epi32(texels[row + 2], columns);
-            lower = _mm256_blendv_epi8(lower, next, is_in[row]);
-        }
-        [upper, lower]
     }
 }
 

@@ -273,26 +273,6 @@ impl Vector for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
-        // SAFETY: the token proves the features; the caller guarantees that 32 bytes are readable
-        // at `at` and 1 to 4 strides behind it.
-        unsafe {
-            let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
-            let (fourth, fifth) = (at.add(3 * stride_bytes), at.add(4 * stride_bytes));
-            let place = self.add_i(_mm512_slli_epi32::<3>(rows), columns);
-            let right = self.add_i(place, self.splat_i(1));
-            let upper = [two_rows(at, second), two_rows(third, fourth)];
-            let lower = [two_rows(second, third), two_rows(fourth, fifth)];
-            [
-                _mm512_permutex2var_epi32(upper[0], place, upper[1]),
-                _mm512_permutex2var_epi32(upper[0], right, upper[1]),
-                _mm512_permutex2var_epi32(lower[0], place, lower[1]),
-                _mm512_permutex2var_epi32(lower[0], right, lower[1]),
-            ]
-        }
-    }
-
-    #[inline(always)]
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {
         // SAFETY: the token proves the features; the caller guarantees that four bytes are readable
         // at each.
@@ -435,19 +415,6 @@ fn permuted_bytes<const N: usize>(table: &ByteTable, words: [I; N]) -> [[F; 3]; 
         ];
     }
     entries
-}
-
-/// 32 bytes each at two places.
-///
-/// # Safety
-/// The machine has AVX-512, and the bytes are readable.
-#[inline(always)]
-unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
-    // SAFETY: the caller guarantees that the machine has AVX-512, and the bytes are readable.
-    unsafe {
-        let first = _mm512_castsi256_si512(_mm256_loadu_si256(first.cast()));
-        _mm512_inserti64x4::<1>(first, _mm256_loadu_si256(second.cast()))
-    }
 }
 
 /// Two words at each offset, loaded one by one.

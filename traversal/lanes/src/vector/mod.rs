@@ -285,19 +285,6 @@ pub trait Vector: Copy {
         stride_bytes: usize,
     );
 
-    /// Words of a window of five rows of eight: those at the lanes' columns and rows, those on
-    /// their right, those below, and those below on the right. Columns are 0 to 6, rows 0 to 3.
-    ///
-    /// # Safety
-    /// 32 bytes are readable at `at` and 1 to 4 strides behind it.
-    unsafe fn window(
-        self,
-        at: *const u8,
-        stride_bytes: usize,
-        columns: Self::I,
-        rows: Self::I,
-    ) -> [Self::I; 4];
-
     /// Words at byte offsets, which are unsigned up to `i32::MAX`.
     ///
     /// # Safety

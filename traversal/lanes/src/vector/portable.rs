@@ -416,20 +416,6 @@ impl Vector for Portable {
         }
     }
     #[inline(always)]
-    unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
-        let mut words = [[0; 16]; 4];
-        for lane in 0..16 {
-            let (column, row) = (columns[lane] as usize, rows[lane] as usize);
-            for (index, words) in words.iter_mut().enumerate() {
-                let skip = (row + index / 2) * stride_bytes + 4 * (column + index % 2);
-                // SAFETY: the caller guarantees that 32 bytes are readable at `at` and 1 to 4
-                // strides behind it.
-                words[lane] = unsafe { at.add(skip).cast::<i32>().read_unaligned() };
-            }
-        }
-        words
-    }
-    #[inline(always)]
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {
         // SAFETY: the caller guarantees that four bytes are readable at each.
         map(&offsets, |offset| unsafe {

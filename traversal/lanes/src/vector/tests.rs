@@ -117,46 +117,6 @@ fn lanes_of_quads_move_alike() {
     }
 }
 
-/// Takes words from a window.
-struct Window {
-    words: Vec<u32>,
-    columns: [u32; 16],
-    rows: [u32; 16],
-}
-
-/// Words of a row of the memory that the window lies in.
-const ACROSS: usize = 11;
-
-impl TierTest for Window {
-    unsafe fn run<V: Vector>(&mut self, v: V) {
-        let (columns, rows) = (v.load_i(&self.columns), v.load_i(&self.rows));
-        // SAFETY: there are five rows, of which eight words are taken.
-        let taken = unsafe { v.window(self.words.as_ptr().cast(), 4 * ACROSS, columns, rows) };
-        for (index, taken) in taken.into_iter().enumerate() {
-            let mut row = [0; 16];
-            v.store_i(taken, &mut row);
-            for lane in 0..16 {
-                let across = self.columns[lane] as usize + index % 2;
-                let down = self.rows[lane] as usize + index / 2;
-                assert_eq!(row[lane], self.words[ACROSS * down + across]);
-            }
-        }
-    }
-}
-
-#[test]
-fn windows_hold_their_words() {
-    for turn in 0..28 {
-        in_every_tier(&mut Window {
-            words: (0..4 * ACROSS as u32 + 8)
-                .map(|word| word * 0x0101_0101)
-                .collect(),
-            columns: std::array::from_fn(|lane| (lane as u32 * 3 + turn) % 7),
-            rows: std::array::from_fn(|lane| (lane as u32 + turn / 7) % 4),
-        });
-    }
-}
-
 /// Loads pairs of words as quads, and stores them elsewhere.
 struct Pairs {
     stride: usize,
