@@ -12,8 +12,9 @@
 //!
 //! The dispatch alone decides which invocations share a subgroup: sixteen consecutive ones by
 //! `LocalInvocationIndex`. A subgroup continues with the next workgroups if it would have empty
-//! lanes and no invocation can observe the difference. Workgroups start in order and a worker holds
-//! one step at a time, so that a workgroup may wait for an earlier one.
+//! lanes and no invocation can observe the difference. A worker holds one step at a time.
+//! Workgroups that may wait for others start in order, so that one may wait for any that started
+//! before it.
 
 #[cfg(test)]
 mod tests;
@@ -72,8 +73,7 @@ impl Dispatcher {
     pub fn run(&self, workers: &Workers, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
         let workers_count = workers.current_num_threads();
         let plan = Plan::new(dispatch, workers_count);
-        let chunk_steps =
-            (plan.steps / (workers_count as u64 * CHUNKS_PER_WORKER)).clamp(1, MAX_CHUNK_STEPS);
+        let chunk_steps = plan.chunk_steps(workers_count);
         let chunks = plan.steps.div_ceil(chunk_steps);
         let next_chunk = AtomicU64::new(0);
         let work = || {
@@ -177,6 +177,16 @@ impl<'a> Plan<'a> {
             packed,
             workgroups_per_step,
             steps: workgroups.div_ceil(workgroups_per_step),
+        }
+    }
+
+    /// Steps that a worker takes at once. Where workgroups may wait for others, it is one: all
+    /// workgroups up to the last that has started must have started, since one that waits may wait
+    /// for any of those, too.
+    fn chunk_steps(&self, workers: usize) -> u64 {
+        match self.dispatch.program.workgroups_may_wait() {
+            true => 1,
+            false => (self.steps / (workers as u64 * CHUNKS_PER_WORKER)).clamp(1, MAX_CHUNK_STEPS),
         }
     }
 

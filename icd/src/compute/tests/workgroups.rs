@@ -171,6 +171,43 @@ fn a_barrier_is_released_for_its_workgroup_alone() {
     assert_eq!(words(&out), [1, 64]);
 }
 
+/// Workgroups wait in pairs, each for the other. With two workers they end if they start in order:
+/// one that waits alone is the last that has started.
+#[test]
+fn workgroups_that_may_wait_start_in_order() {
+    let text = "module compute
+        inputs workgroup_id.0
+        local_size 1, 1, 1
+        func f0 {
+            v0: i32 = const 0
+            v1: descriptor = descriptor[set 0, first 0, count 1] v0
+            v2: i32 = input[0]
+            v3: i32 = const 1
+            v4: i32 = const 2
+            v5: i32 = lshr v2, v3
+            v6: i32 = shl v5, v4
+            v7: i32 = atomic.iadd.buffer v1, v6, v3
+            block L2 {
+                loop L0 {
+                    v8: i32 = atomic.iadd.buffer v1, v6, v0
+                    v9: i1 = ult v8, v4
+                    if v9, L1 {
+                        br L0
+                    } else {
+                        br L1
+                    }
+                    br L2
+                }
+                unreachable
+            }
+            barrier
+            end
+        }";
+    let out = zeros(50);
+    assert_eq!(run(text, 2, [0; 3], [100, 1, 1], &out, &guarded()), Ok(()));
+    assert_eq!(words(&out), [2; 50]);
+}
+
 /// Workgroup 1 comes to a barrier in a loop again and again, until workgroup 0, which has left the
 /// loop, has gone on.
 #[test]
