@@ -4,7 +4,7 @@ use lanes::vector::Vector;
 use spirv_jit::program::{AlignedRow, Position};
 
 use super::coarse::Spread;
-use super::inputs::{BarycentricMode, InputRowSource, Inputs};
+use super::inputs::{BarycentricMode, InputRowSource, Inputs, ModeRows, Steps};
 use super::interpolation::{interpolate, perspective_weights, plane_at};
 use super::lanes::Row;
 use super::pack::Pack;
@@ -56,16 +56,15 @@ impl Inputs {
         &self,
         v: V,
         fragments: WaveFragments<'_>,
-        shares: &mut Shares,
+        shares: &Shares,
         rows: &mut InputRows<'_>,
     ) {
-        for &mode in &self.modes {
-            for (share, weights) in shares.list.iter().zip(&mut shares.weights) {
-                let [second, third] = Filling::new(v, self, fragments, share).weights(mode);
-                v.store(second, &mut weights[0].0);
-                v.store(third, &mut weights[1].0);
+        for of_mode in &self.modes {
+            for share in &shares.list {
+                let weights = Filling::new(v, self, fragments, share).weights(of_mode.mode);
+                let steps = &shares.steps(share)[of_mode.varyings.clone()];
+                self.fill_interpolated(v, share, of_mode, steps, weights, rows);
             }
-            self.fill_interpolated(v, mode, shares, rows);
         }
         let is_center = self.position == Position::Center;
         for (row, fill) in self.fills.iter().enumerate() {
@@ -113,42 +112,31 @@ impl Inputs {
         }
     }
 
-    /// Fills the rows that follow from barycentric coordinates of one kind, which the shares have.
+    /// Fills the rows of a share that follow from barycentric coordinates of one kind, which stay
+    /// in registers.
     #[inline(always)]
     fn fill_interpolated<V: Vector>(
         &self,
         v: V,
-        mode: BarycentricMode,
-        shares: &Shares,
+        share: &Share,
+        of_mode: &ModeRows,
+        steps: &[Steps],
+        [second, third]: [V::F; 2],
         rows: &mut InputRows<'_>,
     ) {
-        for (index, varying) in self.varyings.iter().enumerate() {
-            if varying.mode != mode {
-                continue;
-            }
-            for (share, weights) in shares.list.iter().zip(&shares.weights) {
-                let [first, second, third] = shares.steps(share, index).map(|it| v.splat(it));
-                let weights = [v.load(&weights[0].0), v.load(&weights[1].0)];
-                let numbers = interpolate(v, first, [second, third], weights);
-                rows.put(v, share, varying.row, v.bits_of(numbers));
-            }
+        let varyings = &self.varyings[of_mode.varyings.clone()];
+        for (varying, steps) in varyings.iter().zip(steps) {
+            let steps = [v.splat(steps[0]), v.splat(steps[1]), v.splat(steps[2])];
+            let numbers = interpolate(v, steps[0], [steps[1], steps[2]], [second, third]);
+            rows.put(v, share, varying.row, v.bits_of(numbers));
         }
-        for (row, fill) in self.fills.iter().enumerate() {
-            let InputRowSource::Barycentric(vertex, of) = *fill else {
-                continue;
+        for &(row, vertex) in &of_mode.barycentrics {
+            let numbers = match vertex {
+                0 => v.sub(v.sub(v.splat(1.0), second), third),
+                1 => second,
+                _ => third,
             };
-            if of != mode {
-                continue;
-            }
-            for (share, weights) in shares.list.iter().zip(&shares.weights) {
-                let [second, third] = [v.load(&weights[0].0), v.load(&weights[1].0)];
-                let numbers = match vertex {
-                    0 => v.sub(v.sub(v.splat(1.0), second), third),
-                    1 => second,
-                    _ => third,
-                };
-                rows.put(v, share, row, v.bits_of(numbers));
-            }
+            rows.put(v, share, row, v.bits_of(numbers));
         }
     }
 }

@@ -1,6 +1,8 @@
 //! The inputs of fragment programs and their sources: varyings, planes, built-ins (spec,
 //! "Fragment Shader Interpolation").
 
+use std::ops::Range;
+
 use smallvec::SmallVec;
 use spirv_jit::Program;
 use spirv_jit::program::{
@@ -75,7 +77,16 @@ pub(super) struct BarycentricMode {
 pub(super) struct InterpolatedRow {
     pub row: usize,
     pub word: u32,
+}
+
+/// The rows that follow from barycentric coordinates of one kind.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ModeRows {
     pub mode: BarycentricMode,
+    /// Of [`Inputs::varyings`].
+    pub varyings: Range<usize>,
+    /// Rows that are the coordinate of a vertex, and the vertex.
+    pub barycentrics: SmallVec<[(usize, usize); 2]>,
 }
 
 /// A varying of a primitive: its value at the first vertex, and the differences of the others.
@@ -84,9 +95,9 @@ pub type Steps = [f32; 3];
 /// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
     pub(super) fills: Vec<InputRowSource>,
-    /// The coordinates that rows need.
-    pub(super) modes: SmallVec<[BarycentricMode; 2]>,
-    /// The rows that are varyings.
+    /// The coordinates that rows need, with those rows.
+    pub(super) modes: SmallVec<[ModeRows; 1]>,
+    /// The rows that are varyings, by mode.
     pub(super) varyings: Vec<InterpolatedRow>,
     /// Samples of a fragment.
     pub(super) locations: Locations,
@@ -117,27 +128,38 @@ pub enum Slope {
     Varying(u32, bool),
 }
 
-/// The coordinates that rows need.
-fn modes(fills: &[InputRowSource]) -> SmallVec<[BarycentricMode; 2]> {
-    let mut modes: SmallVec<[BarycentricMode; 2]> = SmallVec::new();
+/// The rows that follow from barycentric coordinates: by mode, and the varyings among them.
+fn interpolated(fills: &[InputRowSource]) -> (SmallVec<[ModeRows; 1]>, Vec<InterpolatedRow>) {
+    let mut modes: SmallVec<[ModeRows; 1]> = SmallVec::new();
+    let mut varyings = Vec::new();
     for fill in fills {
-        if let InputRowSource::Varying(_, mode) | InputRowSource::Barycentric(_, mode) = *fill
-            && !modes.contains(&mode)
-        {
-            modes.push(mode);
+        let (InputRowSource::Varying(_, mode) | InputRowSource::Barycentric(_, mode)) = *fill
+        else {
+            continue;
+        };
+        if modes.iter().any(|it| it.mode == mode) {
+            continue;
         }
+        let first = varyings.len();
+        let mut barycentrics = SmallVec::new();
+        for (row, fill) in fills.iter().enumerate() {
+            match *fill {
+                InputRowSource::Varying(word, of) if of == mode => {
+                    varyings.push(InterpolatedRow { row, word });
+                }
+                InputRowSource::Barycentric(vertex, of) if of == mode => {
+                    barycentrics.push((row, vertex));
+                }
+                _ => {}
+            }
+        }
+        modes.push(ModeRows {
+            mode,
+            varyings: first..varyings.len(),
+            barycentrics,
+        });
     }
-    modes
-}
-
-/// The rows that are varyings.
-fn varyings(fills: &[InputRowSource]) -> Vec<InterpolatedRow> {
-    let of_rows = fills.iter().enumerate();
-    let varyings = of_rows.filter_map(|(row, fill)| match *fill {
-        InputRowSource::Varying(word, mode) => Some(InterpolatedRow { row, word, mode }),
-        _ => None,
-    });
-    varyings.collect()
+    (modes, varyings)
 }
 
 fn slope(fill: &InputRowSource) -> Option<Slope> {
@@ -218,9 +240,10 @@ impl Inputs {
             _ => InputRowSource::Constant(0),
         };
         let fills: Vec<InputRowSource> = fragment.inputs().iter().map(fill).collect();
+        let (modes, varyings) = interpolated(&fills);
         Self {
-            modes: modes(&fills),
-            varyings: varyings(&fills),
+            modes,
+            varyings,
             fills,
             locations,
             packed,
@@ -241,9 +264,10 @@ impl Inputs {
             }
         };
         let fills: Vec<InputRowSource> = outputs.iter().map(fill).collect();
+        let (modes, varyings) = interpolated(&fills);
         Self {
-            modes: modes(&fills),
-            varyings: varyings(&fills),
+            modes,
+            varyings,
             fills,
             ..*self
         }

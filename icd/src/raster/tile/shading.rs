@@ -107,14 +107,14 @@ lanes::vectors! {
 
 lanes::vectors! {
     /// Puts a wave's subgroups at the program's entry, with their inputs. `shares`: those of the
-    /// packs; this overwrites their weights.
+    /// packs.
     pub fn start<V>(
         v,
         program: &Program,
         inputs: &Inputs,
         output: &Output,
         fragments: WaveFragments<'_>,
-        shares: &mut Shares,
+        shares: &Shares,
         runner: &mut Runner,
         counts: &mut Counts,
     ) {

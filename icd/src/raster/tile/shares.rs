@@ -1,7 +1,6 @@
 //! The primitives of a wave's fragments: which lanes of which subgroups are of which one.
 
 use smallvec::SmallVec;
-use spirv_jit::program::AlignedRow;
 
 use super::inputs::{Inputs, Steps};
 use super::lanes::lanes_of;
@@ -24,8 +23,6 @@ pub struct Share {
 #[derive(Default)]
 pub struct Shares {
     pub list: Vec<Share>,
-    /// Barycentric coordinates of the second and third vertex in each share's subgroup.
-    pub weights: Vec<[AlignedRow; 2]>,
     steps: Vec<Steps>,
 }
 
@@ -61,9 +58,6 @@ impl Shares {
                 next = it.next;
             }
         }
-        let none = [AlignedRow([0; 16]); 2];
-        self.weights
-            .resize(self.list.len().max(self.weights.len()), none);
     }
 
     fn add(
@@ -90,10 +84,10 @@ impl Shares {
         });
     }
 
-    /// The steps of a share's varying: that of a number among [`Inputs::varyings`].
+    /// The steps of a share's varyings, as [`Inputs::varyings`] lists them.
     #[inline(always)]
-    pub fn steps(&self, share: &Share, varying: usize) -> Steps {
-        self.steps[share.steps + varying]
+    pub fn steps(&self, share: &Share) -> &[Steps] {
+        &self.steps[share.steps..]
     }
 }
 
