@@ -41,6 +41,19 @@ impl Bounds {
         }
     }
 
+    /// The pixels whose centres lie in an upright rectangle in fixed point: those on its left or
+    /// upper side, too.
+    #[inline(always)]
+    pub fn of_centers(least: [i32; 2], greatest: [i32; 2]) -> Bounds {
+        let first = |side: i32| (side + 127) >> 8;
+        Bounds {
+            left: first(least[0]),
+            top: first(least[1]),
+            right: first(greatest[0]),
+            bottom: first(greatest[1]),
+        }
+    }
+
     /// The pixels of both.
     pub fn intersection(self, other: Bounds) -> Bounds {
         Bounds {

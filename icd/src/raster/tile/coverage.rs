@@ -13,7 +13,7 @@ use smallvec::SmallVec;
 
 use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, Row, negative};
 use super::samples::{CENTER, Location, MAX_SAMPLES, fixed_point, masks_of};
-use crate::raster::primitive::{Bounds, Edge, triangle_edges};
+use crate::raster::primitive::{Bounds, Coverage, Edge, triangle_edges};
 
 /// A 4×4 block of pixels with covered samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -669,10 +669,45 @@ pub fn is_small(clip: &Bounds) -> bool {
     blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL
 }
 
-/// The coverage of a triangle in a tile, inside a clip that lies in the tile, with one sample a
-/// pixel; none if it is large.
+/// The coverage of a triangle or an upright rectangle in a tile, inside a clip that lies in the
+/// tile, with one sample a pixel; none of other shapes, and if it is large.
 #[inline(always)]
-pub fn small_triangle(
+pub fn small_shape(
+    tier: lanes::Tier,
+    coverage: &Coverage,
+    tile: &Bounds,
+    clip: &Bounds,
+) -> Option<SmallBlocks> {
+    match *coverage {
+        Coverage::Triangle(corners) => small_triangle(tier, corners, tile, clip),
+        Coverage::Upright { least, greatest } => {
+            let clip = in_tile(
+                &Bounds::of_centers(least, greatest).intersection(*clip),
+                tile,
+            );
+            is_small(&clip).then(|| small_upright(&clip))
+        }
+        _ => None,
+    }
+}
+
+/// The blocks of a clip, which holds few.
+fn small_upright(clip: &Bounds) -> SmallBlocks {
+    let mut blocks = SmallBlocks::default();
+    for y in (clip.top & !3..clip.bottom).step_by(4) {
+        for x in (clip.left & !3..clip.right).step_by(4) {
+            match inside(clip, x, y) {
+                0 => {}
+                lanes => blocks.add(x, y, lanes),
+            }
+        }
+    }
+    blocks
+}
+
+/// The coverage of a triangle.
+#[inline(always)]
+fn small_triangle(
     tier: lanes::Tier,
     corners: [[i32; 2]; 3],
     tile: &Bounds,

@@ -91,18 +91,6 @@ impl SmallRectangle {
             greatest,
         })
     }
-
-    /// The pixels whose centres it covers: those on its left or upper side, too.
-    #[inline(always)]
-    fn pixels(&self) -> Bounds {
-        let first = |side: i32| (side + 127) >> 8;
-        Bounds {
-            left: first(self.least[0]),
-            top: first(self.least[1]),
-            right: first(self.greatest[0]),
-            bottom: first(self.greatest[1]),
-        }
-    }
 }
 
 lanes::vectors! {
@@ -147,7 +135,8 @@ pub fn cover_rectangle(
         return None;
     }
     let rectangle = SmallRectangle::of(first, second)?;
-    let covered = in_tile(&rectangle.pixels().intersection(*clip), tile);
+    let pixels = Bounds::of_centers(rectangle.least, rectangle.greatest);
+    let covered = in_tile(&pixels.intersection(*clip), tile);
     let mut found = RectangleBlocks::default();
     if covered.left < covered.right && covered.top < covered.bottom {
         let corner = [tile.left.into(), tile.top.into()];

@@ -8,7 +8,7 @@ use spirv_jit::interp::modulate::Sampling;
 
 use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
-use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_triangle};
+use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_shape};
 use super::direct;
 use super::filling::WaveFragments;
 use super::modulate::{self, Sampled};
@@ -230,11 +230,12 @@ impl<'a> Visit<'a> {
         if COUNTED {
             return self.counted_shape(current, chunk, origin, shape, &clip);
         }
-        if let (Some(fragment), Coverage::Triangle(corners)) =
-            (current.plan.small(), shape.coverage)
+        if let Some(fragment) = current.plan.small()
             && (self.is_whole || current.plan.tests.is_empty())
-            && let Some(mut blocks) = small_triangle(self.round.tier, corners, &self.bounds, &clip)
+            && let Some(mut blocks) =
+                small_shape(self.round.tier, &shape.coverage, &self.bounds, &clip)
         {
+            fetch_inputs(chunk, record);
             if let Some(plain) = current.plan.tests.plain() {
                 let (tier, plan) = (self.round.tier, current.plan);
                 let (corner, area) = ([self.bounds.left, self.bounds.top], &self.round.area);
@@ -727,6 +728,19 @@ fn fetch_ahead(chunk: &Chunk, shapes: &[u32]) {
     }
     if let Some(shape) = shape(2 * AHEAD) {
         lanes::prefetch(shape);
+    }
+}
+
+/// Asks for what the inputs of a record's fragments are computed from, when the wave runs.
+#[inline(always)]
+fn fetch_inputs(chunk: &Chunk, record: &Record) {
+    for vertex in record.vertices {
+        if let Some(word) = chunk.outputs.get(vertex as usize) {
+            lanes::prefetch(word);
+        }
+    }
+    if let Some(extra) = chunk.extras.get(record.extra as usize) {
+        lanes::prefetch(extra);
     }
 }
 

@@ -3,10 +3,11 @@
 use lanes::Tier;
 
 use super::support::{Random, edges};
-use crate::raster::primitive::{Bounds, Edge};
-use crate::raster::tile::coverage::{Block, Covered, convex, listed};
+use crate::raster::Chunk;
+use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+use crate::raster::tile::coverage::{Block, Covered, SmallBlock, convex, listed, small_shape};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
-use crate::raster::tile::samples::{Location, fixed_point, standard};
+use crate::raster::tile::samples::{Location, fixed_point, masks_of, standard};
 
 /// Samples of the pixels of a tile.
 type Samples = Vec<[bool; 8]>;
@@ -100,6 +101,54 @@ fn triangles_of_all_sizes_cover_what_their_edges_say() {
             check(&edges[..3], &tile, &clip);
         }
     }
+}
+
+#[test]
+fn small_uprights_cover_what_their_edges_say() {
+    let mut random = Random::with_seed(0x5eed_0f90);
+    let tile = tile(1, 2);
+    let mut are_small = 0;
+    for _ in 0..2000 {
+        // Often on the centres or corners of pixels.
+        let whole = [1, 128, 256][random.usize(0..3)];
+        let mut side = |first: i32| {
+            let least = first * 256 + random.i32(-20 * 256..64 * 256) / whole * whole;
+            (least, least + random.i32(whole..6000) / whole * whole)
+        };
+        let ((left, right), (top, bottom)) = (side(tile.left), side(tile.top));
+        let clip = tile.intersection(Bounds {
+            left: left >> 8,
+            top: top >> 8,
+            right: (right >> 8) + 1,
+            bottom: (bottom >> 8) + 1 - random.i32(0..3),
+        });
+        if clip.left >= clip.right || clip.top >= clip.bottom {
+            continue;
+        }
+        let shape = Shape {
+            record: 0,
+            coverage: Coverage::Upright {
+                least: [left, top],
+                greatest: [right, bottom],
+            },
+            bounds: clip,
+        };
+        let Some(blocks) = small_shape(Tier::Portable, &shape.coverage, &tile, &clip) else {
+            continue;
+        };
+        are_small += 1;
+        let block = |it: &_| {
+            let &SmallBlock { x, y, lanes } = it;
+            assert_ne!(lanes, 0);
+            let masks = masks_of(lanes.into());
+            Block { x, y, masks }
+        };
+        let blocks: Vec<Block> = blocks.covered().iter().map(block).collect();
+        let (edges, count) = shape.edges(&Chunk::default());
+        let wanted = expected(&edges[..count], &tile, &clip, standard(1));
+        assert!(found(&blocks, 1) == wanted, "{shape:?}");
+    }
+    assert!(are_small > 300, "{are_small}");
 }
 
 #[test]
