@@ -223,9 +223,9 @@ impl ChunkWorker {
         let common = segment.common;
         let new = self.vertices.len() as u32;
         let found = self.unique.place(index, new);
-        if found == new {
-            self.vertices.push(Vertex { index, common });
-        }
+        // Added and taken away again without a branch, which would be hard to predict.
+        self.vertices.push(Vertex { index, common });
+        (self.vertices).truncate(new as usize + usize::from(found == new));
         found
     }
 }

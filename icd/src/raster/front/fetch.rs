@@ -9,6 +9,7 @@ use spirv_jit::program::{AlignedRow, Builtin, InputRow};
 use spirv_jit::reach::Reach;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
+use super::transpose::transposed;
 use crate::format::texel_format;
 use crate::raster::Draw;
 use crate::wave::reachable::readable;
@@ -365,10 +366,8 @@ unsafe fn load_all<const WORDS: usize>(
                 load_texel::<WORDS>(texels[first + 3]),
             ]
         };
-        // Two steps: the first texel with the third one, the second with the fourth.
-        let ([ac, ac_upper], [bd, bd_upper]) = (interleaved(a, c), interleaved(b, d));
-        let ([x, y], [z, w]) = (interleaved(ac, bd), interleaved(ac_upper, bd_upper));
-        for (row, four) in words.iter_mut().zip([x, y, z, w]).take(WORDS) {
+        let components = transposed([a, b, c, d]);
+        for (row, four) in words.iter_mut().zip(components).take(WORDS) {
             row[first..first + 4].copy_from_slice(&four);
         }
     }
@@ -385,28 +384,4 @@ unsafe fn load_texel<const WORDS: usize>(texel: *const u8) -> [u32; 4] {
     let loaded = unsafe { texel.cast::<[u32; WORDS]>().read_unaligned() };
     words[..WORDS].copy_from_slice(&loaded);
     words
-}
-
-/// Words of two lists in turn.
-#[inline(always)]
-fn interleaved(a: [u32; 4], b: [u32; 4]) -> [[u32; 4]; 2] {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::*;
-        use std::mem::transmute;
-        // SAFETY: every processor of this architecture has SSE2; four words are as long as its
-        // registers.
-        unsafe {
-            let (a, b) = (
-                _mm_loadu_si128(a.as_ptr().cast()),
-                _mm_loadu_si128(b.as_ptr().cast()),
-            );
-            [
-                transmute::<__m128i, [u32; 4]>(_mm_unpacklo_epi32(a, b)),
-                transmute::<__m128i, [u32; 4]>(_mm_unpackhi_epi32(a, b)),
-            ]
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    [[a[0], b[0], a[1], b[1]], [a[2], b[2], a[3], b[3]]]
 }

@@ -11,6 +11,7 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use super::fetch::Common;
 use super::outputs::OutputPlaces;
 use super::topology::{self, Assembled};
+use super::transpose::copy_vertices;
 use super::vertices::SUBGROUPS;
 use crate::wave::runner::{Runner, Subgroups, subgroups_at_once};
 use crate::wave::{Limits, Stopped};
@@ -236,7 +237,17 @@ impl<'a> Geometry<'a> {
         outputs.resize(end, 0);
         let most = counts.into_iter().max().unwrap_or(0);
         let to = &mut outputs[first_word..];
-        for vertex in 0..most {
+        let least = counts[..lanes].iter().copied().min().unwrap_or(0);
+        for vertex in 0..least {
+            let mut starts = base;
+            for start in &mut starts {
+                *start = (*start + vertex) * words;
+            }
+            let row = |word: usize| &emitted.words[word][vertex].0;
+            copy_vertices(words, row, &starts[..lanes], to);
+        }
+        // Of invocations that emitted more than others.
+        for vertex in least..most {
             for (word, rows) in emitted.words.iter().enumerate() {
                 let row = &rows[vertex].0;
                 for lane in 0..lanes {

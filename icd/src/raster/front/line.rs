@@ -199,6 +199,7 @@ impl Visible {
                 perspective.times(w)
             };
         }
+        planes.is_affine = planes.perspective == planes.linear;
         planes
     }
 }
@@ -217,6 +218,7 @@ fn whole_planes(segment: &Segment, [a, b]: [&ScreenVertex; 2], origin: [i32; 2])
             Wide::default(),
         ],
         linear: [between(1.0, 0.0), between(0.0, 1.0), Wide::default()],
+        is_affine: (a.inverse_w == 1.0) & (b.inverse_w == 1.0),
     }
 }
 

@@ -43,6 +43,7 @@ mod tessellate;
 #[cfg(test)]
 mod tests;
 mod topology;
+mod transpose;
 mod triangle;
 mod vertices;
 

@@ -60,6 +60,8 @@ pub struct Planes {
     pub depth: Wide,
     pub perspective: [Wide; 3],
     pub linear: [Wide; 3],
+    /// All w are 1: both are the same.
+    pub is_affine: bool,
 }
 
 /// Of a triangle with all vertices on the screen, from the same positions as its coverage: samples
@@ -86,15 +88,21 @@ pub fn of_triangle(vertices: &[&ScreenVertex; 3], area: i64, origin: [i32; 2]) -
     let depth = Wide::constant(v0.depth)
         .plus(linear[1].times(v1.depth - v0.depth))
         .plus(linear[2].times(v2.depth - v0.depth));
-    Planes {
-        origin,
-        depth,
-        perspective: [
+    let is_affine = (v0.inverse_w == 1.0) & (v1.inverse_w == 1.0) & (v2.inverse_w == 1.0);
+    let perspective = match is_affine {
+        true => linear,
+        false => [
             linear[0].times(v0.inverse_w),
             linear[1].times(v1.inverse_w),
             linear[2].times(v2.inverse_w),
         ],
+    };
+    Planes {
+        origin,
+        depth,
+        perspective,
         linear,
+        is_affine,
     }
 }
 
@@ -159,16 +167,18 @@ pub fn from_perspective(
         .times(positions[0][2])
         .plus(p1.times(positions[1][2]))
         .plus(p2.times(positions[2][2]));
+    let linear = [
+        p0.times(positions[0][3]),
+        p1.times(positions[1][3]),
+        p2.times(positions[2][3]),
+    ];
     Planes {
         origin,
         depth: z
             .times(screen.depth_scale)
             .plus(Wide::constant(screen.depth_offset)),
         perspective,
-        linear: [
-            p0.times(positions[0][3]),
-            p1.times(positions[1][3]),
-            p2.times(positions[2][3]),
-        ],
+        linear,
+        is_affine: perspective == linear,
     }
 }

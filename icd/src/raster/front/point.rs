@@ -55,6 +55,7 @@ impl SetUp<'_> {
             depth: Wide::constant(vertex.depth),
             perspective: linear.map(|plane| plane.times(vertex.inverse_w)),
             linear,
+            is_affine: vertex.inverse_w == 1.0,
         };
         let record = self.push_record(primitive, front, &planes, offset);
         let coordinate = |axis: usize| {

@@ -77,7 +77,7 @@ impl SetUp<'_> {
         let index = self.chunk.records.len() as u32;
         let mut depth = planes.depth;
         depth.at += depth_offset;
-        let is_affine = planes.perspective == planes.linear;
+        let is_affine = planes.is_affine;
         let linear = self.chunk.linear.len() as u32;
         if !is_affine {
             self.chunk.linear.push(narrow(&planes.linear));

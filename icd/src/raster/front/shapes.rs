@@ -28,10 +28,12 @@ struct DrawPrimitives<'a> {
     kind: Option<PrimitiveKind>,
     /// Outcodes with which a filled triangle is not drawn whole.
     harmful: Option<u32>,
+    /// Of all primitives, if nothing tells them apart.
+    destination: Option<Destination>,
 }
 
 /// The layer, view and viewport of a primitive.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Destination {
     layer: u32,
     view_index: u32,
@@ -42,6 +44,9 @@ impl DrawPrimitives<'_> {
     /// The destination of a primitive; none if there is no such layer.
     #[inline(always)]
     fn destination(&self, number: usize, assembled: &Assembled) -> Option<Destination> {
+        if self.destination.is_some() {
+            return self.destination;
+        }
         let provoking = assembled.vertices[usize::from(assembled.provoking)];
         let common = &self.commons[assembled.common as usize];
         let (layer, layers) = match self.has_views {
@@ -191,6 +196,7 @@ impl ChunkWorker {
             [chunk.records.len(), chunk.shapes.len(), chunk.pixels.len()];
         let kind = topology::kind(topology);
         let continues = topology::is_line_strip(topology);
+        let has_views = round.targets.view_mask != 0;
         let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let all = DrawPrimitives {
             draw_index,
@@ -204,12 +210,14 @@ impl ChunkWorker {
             },
             commons: &self.commons,
             on_screen: is_projected.then_some(&self.on_screen[..]),
-            has_views: round.targets.view_mask != 0,
+            has_views,
             kind,
             harmful: facts
                 .harmless_codes()
                 .filter(|_| kind == Some(PrimitiveKind::Triangle))
                 .map(|harmless| !harmless),
+            destination: (!has_views && places.layer.is_none() && places.viewport.is_none())
+                .then_some(Destination::default()),
         };
         let mut set_up = SetUp {
             facts,
@@ -224,11 +232,11 @@ impl ChunkWorker {
                 continue;
             };
             // A pattern starts anew with each line that does not continue the one before it.
-            let follows = last == Some((assembled.vertices[0], assembled.common));
-            if !(continues && follows) {
+            let first = Some((assembled.vertices[0], assembled.common));
+            if last != first {
                 set_up.stippled = 0.0;
             }
-            last = Some((assembled.vertices[1], assembled.common));
+            last = continues.then_some((assembled.vertices[1], assembled.common));
             if let Some(on_screen) = all.on_screen(assembled, to.viewport, &mut own) {
                 all.add(&mut set_up, (number, assembled), to, on_screen);
             }

@@ -11,6 +11,7 @@ use super::clip::MAX_CLIP_DISTANCES;
 use super::outputs::OutputPlaces;
 use super::project::Projection;
 use super::screen::{Clip, Screen, ScreenVertex, Volume, project};
+use super::transpose::copy_vertices;
 use crate::wave::runner::{Runner, Subgroups, subgroups_at_once};
 use crate::wave::{Limits, Stopped};
 
@@ -65,13 +66,17 @@ impl Unique {
         let mut at = index as usize % ENTRIES;
         loop {
             let entry = self.entries[at];
-            if entry >> PLACE_BITS == tag {
-                return (entry as u32) & ((1 << PLACE_BITS) - 1);
-            }
-            if (entry >> PLACE_BITS) % GENERATIONS != self.generation {
-                self.entries[at] = tag << PLACE_BITS | u64::from(new);
-                self.used += 1;
-                return new;
+            let is_its = entry >> PLACE_BITS == tag;
+            let is_free = (entry >> PLACE_BITS) % GENERATIONS != self.generation;
+            // Chosen without a branch: which vertices are new is hard to predict.
+            if is_its | is_free {
+                let place = match is_its {
+                    true => (entry as u32) & ((1 << PLACE_BITS) - 1),
+                    false => new,
+                };
+                self.entries[at] = tag << PLACE_BITS | u64::from(place);
+                self.used += usize::from(is_free);
+                return place;
             }
             let step = index.wrapping_mul(0x9E37_79B1) >> 19 | 1;
             at = (at + step as usize) % ENTRIES;
@@ -203,11 +208,9 @@ pub fn shade(
             if words == 0 {
                 continue;
             }
-            for (lane, vertex) in here.chunks_exact_mut(words).enumerate() {
-                for (word, row) in vertex.iter_mut().zip(&state[io..]) {
-                    *word = row.0[lane];
-                }
-            }
+            let rows = &state[io..];
+            let starts: [usize; SUBGROUP_SIZE] = std::array::from_fn(|lane| lane * words);
+            copy_vertices(words, |word| &rows[word].0, &starts[..lanes], here);
         }
     }
     Ok(())

@@ -1,8 +1,11 @@
-//! Vertices are found again by their indices.
+//! Vertices are found again by their indices, and copied from the lanes that shaded them.
 
 use std::collections::HashMap;
 
+use lanes::Row;
+
 use super::Random;
+use crate::raster::front::transpose::copy_vertices;
 use crate::raster::front::vertices::Unique;
 
 #[test]
@@ -24,6 +27,28 @@ fn vertices_have_one_place_each() {
                 expected,
                 "index {index}, round {round}"
             );
+        }
+    }
+}
+
+#[test]
+fn vertices_are_copied_from_their_lanes() {
+    let rows: Vec<Row> = (0..11)
+        .map(|word| std::array::from_fn(|lane| 100 * word + lane as u32))
+        .collect();
+    for words in 0..=rows.len() {
+        for lanes in 0..=16 {
+            // In another order than that of the lanes.
+            let starts: Vec<usize> = (0..lanes).map(|lane| lane * 5 % 16 * words).collect();
+            let mut copied = vec![u32::MAX; 16 * words];
+            copy_vertices(words, |word| &rows[word], &starts, &mut copied);
+            let mut wanted = vec![u32::MAX; 16 * words];
+            for (lane, start) in starts.into_iter().enumerate() {
+                for word in 0..words {
+                    wanted[start + word] = rows[word][lane];
+                }
+            }
+            assert_eq!(copied, wanted, "{words} words of {lanes} lanes");
         }
     }
 }
