@@ -29,6 +29,9 @@ impl Simplifier<'_> {
         if let Some(outcome) = self.cancel_terms(op, a, b, ty) {
             return Some(outcome);
         }
+        if let Some(outcome) = self.joined_parts(op, a, b, ty) {
+            return Some(outcome);
+        }
         let k = self.constant(b);
         let comparison = matches!(
             op,
@@ -190,6 +193,9 @@ impl Simplifier<'_> {
     }
 
     fn constant_operand(&mut self, op: &Op, a: Value, k: u64, ty: Type) -> Option<Outcome> {
+        if let Some(outcome) = self.bit_rules(op, a, k, ty) {
+            return Some(outcome);
+        }
         let ones = mask(ty);
         let power = (k.count_ones() == 1).then(|| k.trailing_zeros() as u64);
         match (op, k) {
@@ -202,8 +208,7 @@ impl Simplifier<'_> {
             }
             (Op::IMul | Op::UDiv | Op::SDiv, 1) if ty != Type::I1 => Some(Is(a)),
             (Op::URem | Op::SRem | Op::SMod, 1) if ty != Type::I1 => Some(Outcome::Constant(0)),
-            (Op::And, _) if k == ones => Some(Is(a)),
-            (Op::UMin, _) if k == ones => Some(Is(a)),
+            (Op::And | Op::UMin, _) if k == ones => Some(Is(a)),
             (Op::Or | Op::UMax, _) if k == ones => Some(Outcome::Constant(ones)),
             (Op::Xor, _) if k == ones => becomes(Op::Not, &[a]),
             // Counts are modulo the width.
@@ -230,7 +235,7 @@ impl Simplifier<'_> {
         }
     }
 
-    fn with_constant(&mut self, op: Op, a: Value, k: u64, ty: Type) -> Option<Outcome> {
+    pub(super) fn with_constant(&mut self, op: Op, a: Value, k: u64, ty: Type) -> Option<Outcome> {
         let k = self.emit_constant(k, ty);
         Some(Becomes(op, smallvec![a, k]))
     }

@@ -1,6 +1,7 @@
 //! Replaces operations with cheaper ones of the same results: constant folding, identities that
 //! hold bit for bit (IEEE included, NaN payloads excepted), and inverse packing and casting.
 
+mod bit_rules;
 mod float_rules;
 mod int_rules;
 mod move_rules;
