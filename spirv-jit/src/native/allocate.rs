@@ -10,10 +10,11 @@ mod exit;
 mod gather;
 mod private;
 mod scatter;
+mod skip;
 mod words;
 
 pub(super) use carry::{Alike, Carried, Outside, Turn, allocate_turn};
-pub(super) use exit::{Exit, Left};
+pub(super) use exit::{Exit, Left, jump_without};
 pub(super) use gather::{blocks, choice};
 #[cfg(test)]
 pub(super) use words::{broadcast_word, first_word};
@@ -113,7 +114,14 @@ pub(super) enum Form {
     Leave,
     /// All lanes leave the loop where the operand is `when`.
     Exit { index: usize, when: bool },
-    /// Behind [`Form::Exit`]: that one reads the operands.
+    /// The loop ends where no lane is in it any more: see [`Exit`].
+    ExitWithout(usize),
+    /// Begins a region that code jumps over where no lane comes to it, by the number of its lanes
+    /// among exits.
+    Skip(usize),
+    /// Ends that region.
+    EndSkip(usize),
+    /// Behind an exit or a region's begin: that one reads the operands.
     Hold,
 }
 
@@ -142,6 +150,12 @@ impl Form {
                 | Blend
                 | OfMasks
         )
+    }
+
+    /// Whether all subgroups that take a loop together come to the step at once.
+    pub fn is_common(self) -> bool {
+        use Form::*;
+        matches!(self, Exit { .. } | ExitWithout(_) | Skip(_) | EndSkip(_))
     }
 
     /// Whether the result's register is written before all operands are read.
@@ -261,6 +275,8 @@ struct Allocation<'a> {
     outside: Option<Outside<'a>>,
     /// Jumps to the end of the loop.
     exits: Vec<usize>,
+    /// Regions that are being written.
+    skipped: Vec<skip::Skipped>,
 }
 
 /// Of a loop's part of the stack, at most.
@@ -291,6 +307,7 @@ impl<'a> Allocation<'a> {
             aside: None,
             outside: None,
             exits: Vec::new(),
+            skipped: Vec::new(),
         }
     }
 
@@ -309,15 +326,10 @@ impl<'a> Allocation<'a> {
         match step.form {
             Form::LoadFours => return self.load_fours(step, after),
             Form::Exit { index, when } => return self.exit(step, (index, when), after),
-            Form::Hold => {
-                for (&value, after) in from.iter().zip(after) {
-                    self.next[value as usize] = after;
-                    if after == NEVER && !self.is_to_be_stored(value) {
-                        self.release(value);
-                    }
-                }
-                return Ok(());
-            }
+            Form::ExitWithout(index) => return self.exit_without(index),
+            Form::Skip(index) => return self.skip(index),
+            Form::EndSkip(_) => return self.end_skip(),
+            Form::Hold => return self.hold(from, after),
             _ => {}
         }
         // Which operand stays in memory: the last, if nothing else will want it in a register.
@@ -382,6 +394,17 @@ impl<'a> Allocation<'a> {
             self.write(step, to, operands, memory)?;
         }
         self.results.push(step.to);
+        Ok(())
+    }
+
+    /// Passes the place up to which another step reads values.
+    fn hold(&mut self, from: &[Virtual], after: [u32; 3]) -> Result<(), TooManyLive> {
+        for (&value, after) in from.iter().zip(after) {
+            self.next[value as usize] = after;
+            if after == NEVER && !self.is_to_be_stored(value) {
+                self.release(value);
+            }
+        }
         Ok(())
     }
 
@@ -459,9 +482,7 @@ impl<'a> Allocation<'a> {
             Form::GatherRows => self.gather_rows(step, to, [a, b].map(register)),
             Form::ScatterRows => return self.scatter_rows(step, to, operands.map(register)),
             Form::Leave => self.leave(step, to, register(a), register(b)),
-            Form::MultiplyAdd | Form::LoadFours | Form::Exit { .. } | Form::Hold => {
-                unreachable!("has its own function")
-            }
+            _ => unreachable!("has its own function"),
         }
         Ok(())
     }
@@ -574,8 +595,15 @@ impl<'a> Allocation<'a> {
         // Values for all turns are on the stack, too.
         let own = self.outside.map_or(0, |outside| outside.stack_bytes);
         self.spills += matches!(home, Memory::At(Base::Stack, at) if at >= own) as usize;
-        let home = Operand::Memory(home);
-        match self.values[value as usize].class {
+        let info = self.values[value as usize];
+        self.read_home(&info, register)?;
+        Ok(register)
+    }
+
+    /// Loads a value from its place in memory.
+    fn read_home(&mut self, info: &Info, register: Register) -> Result<(), TooManyLive> {
+        let home = Operand::Memory(info.home.ok_or(TooManyLive)?);
+        match info.class {
             Class::Vector => self.assembler.vector(LOAD, (register, 0, home), 0, None),
             Class::Mask => {
                 self.assembler.vector(LOAD, (SCRATCH, 0, home), 0, None);
@@ -584,7 +612,24 @@ impl<'a> Allocation<'a> {
                     .vector(VECTOR_TO_MASK, (register, 0, scratch), 0, None);
             }
         }
-        Ok(register)
+        Ok(())
+    }
+
+    /// Stores a value to its place in memory.
+    fn write_home(&mut self, info: &Info, register: Register) -> Result<(), TooManyLive> {
+        let home = info.home.ok_or(TooManyLive)?;
+        let from = match info.class {
+            Class::Vector => register,
+            Class::Mask => {
+                let mask = Operand::Register(register);
+                self.assembler
+                    .vector(MASK_TO_VECTOR, (SCRATCH, 0, mask), 0, None);
+                SCRATCH
+            }
+        };
+        self.assembler
+            .vector(STORE, (from, 0, Operand::Memory(home)), 0, None);
+        Ok(())
     }
 
     /// A register for a value; operands of the step, `from`, stay where they are.
@@ -673,19 +718,8 @@ impl<'a> Allocation<'a> {
     fn store(&mut self, value: Virtual) -> Result<(), TooManyLive> {
         let info = &mut self.values[value as usize];
         let register = self.registers[value as usize].ok_or(TooManyLive)?;
-        let home = info.home.ok_or(TooManyLive)?;
         info.is_home = true;
-        let from = match info.class {
-            Class::Vector => register,
-            Class::Mask => {
-                let mask = Operand::Register(register);
-                self.assembler
-                    .vector(MASK_TO_VECTOR, (SCRATCH, 0, mask), 0, None);
-                SCRATCH
-            }
-        };
-        self.assembler
-            .vector(STORE, (from, 0, Operand::Memory(home)), 0, None);
-        Ok(())
+        let info = *info;
+        self.write_home(&info, register)
     }
 }

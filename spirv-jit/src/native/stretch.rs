@@ -15,6 +15,7 @@ mod halves;
 mod hoist;
 mod lower;
 mod private;
+mod skips;
 mod stores;
 #[cfg(test)]
 mod tests;

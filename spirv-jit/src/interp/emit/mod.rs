@@ -13,6 +13,7 @@ mod loop_facts;
 mod native;
 mod prologue;
 mod turns;
+mod ways;
 
 use super::code::{DescriptorSource, Remade, Saved};
 use super::fusion::Fusion;

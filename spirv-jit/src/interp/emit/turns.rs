@@ -7,6 +7,7 @@ use smallvec::SmallVec;
 use super::alike::{Extent, alike};
 use super::loop_facts::{indirect_loads, needs_both_halves, stores_words, used};
 use super::native::{ALIGNMENT, Native};
+use super::ways::{Open, Ways};
 use super::{Emitter, instr};
 use crate::interp::code::LoopPlan;
 use crate::interp::native;
@@ -15,8 +16,8 @@ use crate::ir::op::{Access, SubgroupOp};
 use crate::ir::stage::Stage;
 use crate::ir::{Body, Inst, Label, Node, Op, Space, Step, Terminator, Type, Value, VariableId};
 use crate::native::{
-    Encoding, IrOperand, Lanes, ListedTurns, MAX_REGIONS, Merged, PrivateRow, Sameness, Turns,
-    ValueRow, WORKGROUP,
+    Encoding, IrOperand, Lanes, ListedTurns, MAX_REGIONS, PrivateRow, Sameness, Turns, ValueRow,
+    WORKGROUP,
 };
 use crate::plan::takes_helpers;
 
@@ -54,40 +55,6 @@ struct Written {
     shared: Vec<(Operand, bool)>,
     regions: Vec<(Operand, bool)>,
     takes_own: bool,
-}
-
-/// A construct inside the loop.
-struct Open<'m> {
-    label: Label,
-    results: &'m [Value],
-    /// Lanes that have come to its end, and what its results are then.
-    joined: Option<(Lanes, Vec<Merged>)>,
-    /// Lanes for the second body.
-    pending: Option<Lanes>,
-}
-
-/// The way of lanes through a turn.
-struct Ways<'m> {
-    turns: Turns,
-    open: Vec<Open<'m>>,
-    /// Where lanes are; `None`: there are none.
-    lanes: Option<Lanes>,
-    branches: usize,
-    /// Mask of the label that lanes leave to.
-    left_to: Option<u32>,
-    /// As [`LoopPlan`] has them.
-    regions: Vec<(Operand, bool)>,
-    /// Values that are the same in all lanes that come to them.
-    alike: HashSet<Value>,
-    /// Those of them that are the same in all subgroups that take the loop together.
-    shared: HashSet<Value>,
-    /// Products with constants, and what lanes have in common added: how far apart the values of
-    /// neighbouring lanes are, if those were multiplied that are one apart.
-    distances: HashMap<Value, u32>,
-    /// Words that are not greater than a number.
-    bounds: HashMap<Value, u32>,
-    /// Values that operations and branches take.
-    used: HashSet<Value>,
 }
 
 /// Whether a private row holds all of a value.
@@ -233,6 +200,7 @@ impl<'m> Emitter<'m> {
             lanes: None,
             branches: 0,
             left_to: None,
+            has_left: false,
             regions: Vec::new(),
             alike,
             shared,
@@ -246,8 +214,10 @@ impl<'m> Emitter<'m> {
                 results: &[],
                 joined: None,
                 pending: None,
+                body: None,
             };
             ways.open.push(first);
+            ways.has_left = false;
             ways.lanes = Some(ways.turns.begin(copy, &entered));
             self.follow(body, &params, &indices, &mut ways)?;
             let (lanes, ends) = ways.open.pop()?.joined?;
@@ -284,13 +254,20 @@ impl<'m> Emitter<'m> {
                     }
                 }
                 Step::Open(node) => self.open(node, ways)?,
-                Step::Else(_) => ways.lanes = ways.open.last_mut()?.pending.take(),
+                Step::Else(_) => {
+                    ways.lanes = ways.open.last_mut()?.pending.take();
+                    ways.end_without();
+                    ways.begin_body();
+                }
                 Step::End(body) => {
-                    if let Some(lanes) = ways.lanes.take() {
+                    if let Some(lanes) = ways.end_body() {
                         self.branch(lanes, &body.end, params, indices, ways)?;
                     }
                 }
-                Step::Close(_) => self.close(ways)?,
+                Step::Close(_) => {
+                    self.close(ways)?;
+                    ways.end_without();
+                }
             }
         }
         Some(())
@@ -336,6 +313,7 @@ impl<'m> Emitter<'m> {
             results: node.definitions(),
             joined: None,
             pending: None,
+            body: None,
         };
         match node {
             Node::If { condition, .. } => {
@@ -344,7 +322,8 @@ impl<'m> Emitter<'m> {
                     (Some(_), Some(both)) => both,
                     (Some(lanes), None) => {
                         let condition = self.place(*condition);
-                        ways.turns.split(lanes, &condition)?.map(Some)
+                        let both = ways.turns.split(lanes, &condition)?;
+                        self.leave_first(node, both, ways)?
                     }
                     (None, _) => [None; 2],
                 };
@@ -354,6 +333,9 @@ impl<'m> Emitter<'m> {
             _ => {}
         }
         ways.open.push(open);
+        if let Node::If { .. } = node {
+            ways.begin_body();
+        }
         Some(())
     }
 
@@ -370,11 +352,10 @@ impl<'m> Emitter<'m> {
         Some(())
     }
 
-    /// Code for a branch with a condition that is the same in all lanes, one of whose bodies does
-    /// nothing but leave the loop. Gives the lanes of both bodies.
-    fn leave_together(&self, node: &'m Node, ways: &mut Ways<'m>) -> Option<[Option<Lanes>; 2]> {
+    /// The body of a branch that does nothing but leave the loop, if the other one does more:
+    /// whether it is the first, the label that lanes leave to, and the values that they take along.
+    fn leaving(&self, node: &'m Node, ways: &Ways<'m>) -> Option<(bool, &'m Label, &'m [Value])> {
         let Node::If {
-            condition,
             label: own,
             then_body,
             else_body,
@@ -383,23 +364,32 @@ impl<'m> Emitter<'m> {
         else {
             return None;
         };
+        let leaves = |body: &'m Body| match &body.end {
+            Terminator::Br(label, args) if body.nodes.is_empty() => {
+                let stays = label == own || ways.open.iter().any(|open| open.label == *label);
+                (!stays).then_some((label, &args[..]))
+            }
+            _ => None,
+        };
+        match (leaves(then_body), leaves(else_body)) {
+            (Some((label, args)), None) => Some((true, label, args)),
+            (None, Some((label, args))) => Some((false, label, args)),
+            _ => None,
+        }
+    }
+
+    /// Code for a branch with a condition that is the same in all lanes, one of whose bodies does
+    /// nothing but leave the loop. Gives the lanes of both bodies.
+    fn leave_together(&self, node: &'m Node, ways: &mut Ways<'m>) -> Option<[Option<Lanes>; 2]> {
+        let Node::If { condition, .. } = node else {
+            return None;
+        };
         let is_same = match ways.turns.copies() {
             1 => ways.alike.contains(condition),
             _ => ways.shared.contains(condition),
         };
         let lanes = ways.lanes.filter(|_| is_same)?;
-        let leaves = |body: &'m Body| match &body.end {
-            Terminator::Br(label, args) if body.nodes.is_empty() => {
-                let stays = label == own || ways.open.iter().any(|open| open.label == *label);
-                (!stays).then_some((label, args))
-            }
-            _ => None,
-        };
-        let (when, (label, args)) = match (leaves(then_body), leaves(else_body)) {
-            (Some(left), None) => (true, left),
-            (None, Some(left)) => (false, left),
-            _ => return None,
-        };
+        let (when, label, args) = self.leaving(node, ways)?;
         let (mask, to) = self.labels.get(label)?;
         if ways.left_to.is_some_and(|other| other != *mask) {
             return None;
@@ -418,6 +408,48 @@ impl<'m> Emitter<'m> {
         ways.left_to = Some(*mask);
         let both = [Some(lanes), None];
         Some(if when { [None, Some(lanes)] } else { both })
+    }
+
+    /// Code for a branch whose lanes are divided: those of a body that does nothing but leave the
+    /// loop leave at once. Gives the lanes of both bodies.
+    fn leave_first(
+        &self,
+        node: &'m Node,
+        [yes, no]: [Lanes; 2],
+        ways: &mut Ways<'m>,
+    ) -> Option<[Option<Lanes>; 2]> {
+        let Some((when, label, args)) = self.leaving(node, ways) else {
+            return Some([Some(yes), Some(no)]);
+        };
+        let (left, rest) = if when { (yes, no) } else { (no, yes) };
+        self.leave(left, label, args, ways)?;
+        ways.lanes = Some(rest);
+        ways.end_without();
+        let both = [Some(rest), None];
+        Some(if when { [None, Some(rest)] } else { both })
+    }
+
+    /// Lanes leave the loop.
+    fn leave(
+        &self,
+        lanes: Lanes,
+        label: &Label,
+        args: &[Value],
+        ways: &mut Ways<'m>,
+    ) -> Option<()> {
+        let (mask, to) = self.labels.get(label)?;
+        if *ways.left_to.get_or_insert(*mask) != *mask {
+            return None;
+        }
+        ways.has_left = true;
+        for (&to, &from) in to.iter().zip(args) {
+            let row = self.operand(to);
+            if row != Operand::NONE {
+                let from = self.place(from);
+                ways.turns.leave(lanes, &from, ValueRow::Frame(row.index()));
+            }
+        }
+        Some(())
     }
 
     /// A store of a word of each lane, or to private memory.
@@ -563,6 +595,9 @@ impl<'m> Emitter<'m> {
                     .filter_map(|value| self.place(value).constant);
                 constants.min()?.try_into().ok()
             }
+            Op::LShr if self.place(a).ty == Type::I32 => {
+                u32::MAX.checked_shr(self.place(b).constant?.try_into().ok()?)
+            }
             _ => None,
         }
     }
@@ -660,19 +695,9 @@ impl<'m> Emitter<'m> {
         };
         let depth = ways.open.iter().position(|open| open.label == *label);
         let Some(depth) = depth else {
-            let (mask, to) = self.labels.get(label)?;
-            if *ways.left_to.get_or_insert(*mask) != *mask {
-                return None;
-            }
-            for (&to, &from) in to.iter().zip(args) {
-                let row = self.operand(to);
-                if row != Operand::NONE {
-                    let from = self.place(from);
-                    ways.turns.leave(lanes, &from, ValueRow::Frame(row.index()));
-                }
-            }
-            return Some(());
+            return self.leave(lanes, label, args, ways);
         };
+        ways.join_outside(depth);
         let open = &mut ways.open[depth];
         let before = open.joined.take();
         let is_loop = depth == 0;

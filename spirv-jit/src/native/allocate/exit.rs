@@ -1,4 +1,4 @@
-//! Ends of loops that all lanes come to at once.
+//! Ends of loops: those that all lanes come to at once, and those where no lane is left.
 
 use super::words::enter;
 use super::*;
@@ -19,10 +19,31 @@ pub(in crate::native) struct Left {
     pub part: Option<usize>,
 }
 
-/// A place in a turn where all lanes leave at once, and their values.
-#[derive(Clone, Default)]
-pub(in crate::native) struct Exit {
-    pub left: Vec<Left>,
+/// A place in a turn where a loop ends.
+#[derive(Clone)]
+pub(in crate::native) enum Exit {
+    /// All lanes leave at once with these values.
+    All(Vec<Left>),
+    /// These are all lanes that are still in the loop, as conditions, and there are none.
+    Without(Vec<Virtual>),
+}
+
+impl Exit {
+    /// The values that lanes take along.
+    pub fn left(&self) -> &[Left] {
+        match self {
+            Exit::All(left) => left,
+            Exit::Without(_) => &[],
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn left_mut(&mut self) -> &mut [Left] {
+        match self {
+            Exit::All(left) => left,
+            Exit::Without(_) => &mut [],
+        }
+    }
 }
 
 /// Vector registers that code behind a jump out of the loop may overwrite, with AVX2.
@@ -70,6 +91,25 @@ impl Scratch {
     }
 }
 
+/// A jump that is taken where no lane is in any of the registers.
+pub(in crate::native) fn jump_without(a: &mut Assembler, lanes: &[Register]) -> Option<usize> {
+    let mut some = Vec::new();
+    let mut none = None;
+    for (k, &register) in lanes.iter().enumerate() {
+        let rm = Operand::Register(register);
+        match a.encoding {
+            Encoding::Vex => a.vector(TESTPS, (register, 0, rm), 0, None),
+            Encoding::Evex => a.mask(KORTESTW, (register, 0, rm), false, None),
+        }
+        match k + 1 < lanes.len() {
+            true => some.push(a.jump_ahead(NOT_ZERO)),
+            false => none = Some(a.jump_ahead(ZERO)),
+        }
+    }
+    some.into_iter().for_each(|jump| a.land(jump));
+    none
+}
+
 impl Allocation<'_> {
     /// Leaves the loop where a condition of all lanes is `when`. Code behind the jump may overwrite
     /// all registers, except those of values that it writes.
@@ -82,7 +122,7 @@ impl Allocation<'_> {
         let condition = step.from[0];
         let tested = self.bring(condition, &[condition])?;
         let outside = self.outside.ok_or(TooManyLive)?;
-        let left = &outside.exits[index].left;
+        let left = outside.exits[index].left();
         let a = &mut *self.assembler;
         let operands = (tested, 0, Operand::Register(tested));
         match a.encoding {
@@ -102,6 +142,26 @@ impl Allocation<'_> {
             self.release(condition);
         }
         Ok(())
+    }
+
+    /// Ends the loop where all lanes have left it.
+    pub(super) fn exit_without(&mut self, index: usize) -> Result<(), TooManyLive> {
+        let registers = self.lanes_of_exit(index)?;
+        let none = jump_without(self.assembler, &registers);
+        self.exits.extend(none);
+        Ok(())
+    }
+
+    /// The registers of all subgroups' lanes. They are brought there before the first jump, so that
+    /// all jumps find the same registers.
+    pub(super) fn lanes_of_exit(&mut self, index: usize) -> Result<Vec<Register>, TooManyLive> {
+        let outside = self.outside.ok_or(TooManyLive)?;
+        let Exit::Without(lanes) = &outside.exits[index] else {
+            return Err(TooManyLive);
+        };
+        (lanes.iter())
+            .map(|&value| self.bring(value, lanes))
+            .collect()
     }
 
     /// Registers of a class that hold none of the values that lanes take along, nor their lanes.

@@ -1,12 +1,15 @@
 //! The code of a loop around its turns: entry, the next turn, suspension, the next subgroups.
 
-use super::exits::ordered;
+use super::exits::{drop_exits, ordered};
+use super::skips::bounds_skip;
 use super::turns::Turns;
 use super::weave::{chains, waits};
-use super::{Form, without_unused};
-use crate::native::allocate::{Carried, LOAD, Outside, STORE, Step, Turn, allocate_turn};
+use super::{Form, Info, without_unused};
+use crate::native::allocate::{
+    Carried, LOAD, Outside, STORE, Step, Turn, allocate_turn, jump_without,
+};
 use crate::native::encode::{
-    Assembler, Constant, Encoding, Memory, NOT_NEGATIVE, NOT_ZERO, Operand, ZERO,
+    Assembler, Constant, Encoding, Memory, NOT_NEGATIVE, Operand, Register, ZERO,
 };
 use crate::native::opcodes::*;
 use crate::native::{LoopContext, Own, STAYING};
@@ -30,6 +33,8 @@ impl Turns {
         self.emit_pointers(&mut a);
         let half = a.bytes.len();
         let is_constant = self.settle_lanes();
+        self.settle_skips();
+        let is_tested = self.settle_exits(is_constant);
         let mut ends = Vec::new();
         if self.halves() == 1 && is_constant {
             // Lanes of no half but the subgroup's: cmp byte [r10], 0; je
@@ -38,7 +43,7 @@ impl Turns {
         }
         let turn = self.emit_turn(&mut a)?;
         ends.extend(turn.exits);
-        if !is_constant {
+        if !is_constant && !is_tested {
             ends.push(self.jump_without_lanes(&mut a)?);
         }
         // sub r11, the turn's fuel
@@ -82,7 +87,7 @@ impl Turns {
             is_used[value.after as usize] = true;
         }
         let steps = without_unused(std::mem::take(&mut self.stretch.steps), is_used);
-        let (steps, stack_bytes) = self.hoist(steps, a);
+        let (mut steps, stack_bytes) = self.hoist(steps, a);
         let infos = std::mem::take(&mut self.stretch.infos);
         let is_long = subgroups > 2 && self.stretch.encoding == Encoding::Vex;
         if is_long && !gains_by_four(&steps, infos.len(), halves) {
@@ -93,18 +98,44 @@ impl Turns {
             exits: &self.exits,
             stack_bytes,
         };
-        let waits = self.is_paired && waits(&steps, infos.len(), halves);
+        if steps.iter().any(|step| bounds_skip(step.form)) {
+            let (mut carried, mut attempt) = (self.carried.clone(), a.clone());
+            let written = self.write_turn(&steps, &infos, &mut carried, outside, &mut attempt);
+            if let Some(turn) = written {
+                (self.carried, *a) = (carried, attempt);
+                return Some(turn);
+            }
+            drop_exits(&mut steps, bounds_skip);
+        }
+        let mut carried = self.carried.clone();
+        let turn = self.write_turn(&steps, &infos, &mut carried, outside, a);
+        self.carried = carried;
+        turn
+    }
+
+    /// Writes the steps of a turn in the better order.
+    fn write_turn(
+        &self,
+        steps: &[Step],
+        infos: &[Info],
+        carried: &mut Vec<Carried>,
+        outside: Outside<'_>,
+        a: &mut Assembler,
+    ) -> Option<Turn> {
+        let (halves, subgroups) = (self.halves() as usize, self.subgroups);
+        let is_long = subgroups > 2 && self.stretch.encoding == Encoding::Vex;
+        let waits = self.is_paired && waits(steps, infos.len(), halves);
         let woven = match waits {
-            true => ordered(&steps, infos.len(), subgroups, true),
+            true => ordered(steps, infos.len(), subgroups, true),
             false => None,
         };
         if let Some(steps) = woven {
-            let (mut carried, mut attempt) = (self.carried.clone(), a.clone());
-            let turn = allocate_turn(&steps, infos.clone(), &mut carried, outside, &mut attempt);
+            let (mut other, mut attempt) = (carried.clone(), a.clone());
+            let turn = allocate_turn(&steps, infos.to_vec(), &mut other, outside, &mut attempt);
             if let Ok(turn) = turn
                 && (turn.spills + turn.evictions) * STEPS_OF_MOVE <= steps.len()
             {
-                (self.carried, *a) = (carried, attempt);
+                (*carried, *a) = (other, attempt);
                 return Some(turn);
             }
         }
@@ -112,8 +143,8 @@ impl Turns {
             // Two subgroups in turn wait less than four one after another.
             return None;
         }
-        let steps = ordered(&steps, infos.len(), subgroups, false)?;
-        let turn = allocate_turn(&steps, infos, &mut self.carried, outside, a).ok()?;
+        let steps = ordered(steps, infos.len(), subgroups, false)?;
+        let turn = allocate_turn(&steps, infos.to_vec(), carried, outside, a).ok()?;
         let moves = match is_long {
             true => (turn.spills + turn.evictions) * STEPS_OF_MOVE,
             false => turn.spills * STEPS_OF_SPILL,
@@ -128,23 +159,8 @@ impl Turns {
 
     /// A jump that is taken where no lane takes the next turn.
     fn jump_without_lanes(&self, a: &mut Assembler) -> Option<usize> {
-        let mut some = Vec::new();
-        let mut none = None;
-        let count = self.masks().count();
-        for (k, value) in self.masks().enumerate() {
-            let register = value.register?;
-            let rm = Operand::Register(register);
-            match a.encoding {
-                Encoding::Vex => a.vector(TESTPS, (register, 0, rm), 0, None),
-                Encoding::Evex => a.mask(KORTESTW, (register, 0, rm), false, None),
-            }
-            match k + 1 < count {
-                true => some.push(a.jump_ahead(NOT_ZERO)),
-                false => none = Some(a.jump_ahead(ZERO)),
-            }
-        }
-        some.into_iter().for_each(|jump| a.land(jump));
-        none
+        let lanes: Option<Vec<Register>> = self.masks().map(|value| value.register).collect();
+        jump_without(a, &lanes?)
     }
 
     /// The fuel is out: writes the values for the next turn to their rows, and the lanes that take

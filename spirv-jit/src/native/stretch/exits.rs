@@ -1,5 +1,7 @@
-//! Ends of loops that all lanes come to at once: the condition is the same in all of them, so that
-//! code jumps, and lanes need no mask. The steps of a turn in the order in which they are written.
+//! Ends of loops. All lanes come to one at once where the condition is the same in all of them:
+//! code jumps, and lanes need no mask. Where lanes leave one after another, code jumps once all
+//! have left, so that no turn goes on without a lane. The steps of a turn in the order in which
+//! they are written.
 
 use super::turns::{Lanes, Turns};
 use super::weave::in_turn;
@@ -8,7 +10,71 @@ use crate::native::allocate::{Exit, Left, MOVE, Step, TURNS_TOGETHER};
 use crate::native::encode::{Constant, Encoding, Memory};
 use crate::native::opcodes::*;
 
+/// Steps that an exit without lanes saves, at least, to pay for its test.
+const LEAST_SAVED: usize = 16;
+
 impl Turns {
+    /// The number of the next exit of a turn, which is `new` in the first subgroup's code.
+    pub(super) fn next_exit(&mut self, new: Exit) -> usize {
+        let index = self.exits_so_far;
+        self.exits_so_far += 1;
+        if index == self.exits.len() {
+            self.exits.push(new);
+        }
+        index
+    }
+
+    /// Ends the loop where no lane of any subgroup is in it any more. `lanes`: all that may be.
+    pub fn end_without(&mut self, lanes: Lanes) {
+        let index = self.next_exit(Exit::Without(Vec::new()));
+        self.test_lanes(index, Form::ExitWithout(index), lanes);
+    }
+
+    /// Writes a step that tests whether there are lanes, in any subgroup.
+    pub(super) fn test_lanes(&mut self, index: usize, form: Form, lanes: Lanes) {
+        let lanes = &lanes.0[..self.sides()];
+        let s = &mut self.stretch;
+        s.step(Class::Vector, MOVE, form, lanes);
+        s.step(Class::Vector, MOVE, Form::Hold, lanes);
+        if let Exit::Without(all) = &mut self.exits[index] {
+            all.extend(lanes);
+        }
+    }
+
+    /// Drops exits without lanes that save too little, or that are too late: all subgroups and
+    /// halves come there before one goes on, so that more values live at once. Returns whether
+    /// there is always a lane for the next turn then.
+    pub(super) fn settle_exits(&mut self, is_constant: bool) -> bool {
+        let is_first = |step: &&Step| matches!(step.subgroup, 0 | TURNS_TOGETHER);
+        let of_first = self.stretch.steps.iter().filter(is_first);
+        let total = of_first.clone().count();
+        let places: Vec<(usize, usize)> = (of_first.enumerate())
+            .filter_map(|(at, step)| match step.form {
+                Form::ExitWithout(index) => Some((at, index)),
+                _ => None,
+            })
+            .collect();
+        let is_alone = self.subgroups == 1 && !self.is_paired;
+        let (mut kept, mut next) = (Vec::new(), total);
+        for (at, index) in places.into_iter().rev() {
+            let is_early = is_alone || 2 * at <= total;
+            if !is_constant && is_early && next - at >= LEAST_SAVED {
+                kept.push(index);
+                next = at;
+            }
+        }
+        drop_exits(&mut self.stretch.steps, |form| match form {
+            Form::ExitWithout(index) => !kept.contains(&index),
+            _ => false,
+        });
+        let stay = |index: &usize| match &self.exits[*index] {
+            Exit::Without(lanes) => (self.carried.iter())
+                .all(|value| value.lanes.is_none() || lanes.contains(&value.after)),
+            Exit::All(_) => false,
+        };
+        kept.iter().any(stay)
+    }
+
     /// All lanes leave the loop where a condition that is the same in all of them, and in all
     /// subgroups, is `when`; they take values along to rows. False if there is no such code: lanes
     /// have parted before, or masks are cheaper.
@@ -22,11 +88,7 @@ impl Turns {
         if lanes.0 != entered.0 {
             return false;
         }
-        let index = self.exits_so_far;
-        self.exits_so_far += 1;
-        if index == self.exits.len() {
-            self.exits.push(Exit::default());
-        }
+        let index = self.next_exit(Exit::All(Vec::new()));
         let sides = self.sides();
         let s = &mut self.stretch;
         s.half = (sides == 2).then_some(0);
@@ -70,7 +132,9 @@ impl Turns {
             s.step(Class::Vector, MOVE, Form::Hold, &[left.value, lanes]);
         }
         s.operations += 1;
-        self.exits[index].left.extend(left);
+        if let Exit::All(all) = &mut self.exits[index] {
+            all.extend(left);
+        }
         true
     }
 
@@ -80,12 +144,15 @@ impl Turns {
         let is_constant =
             (self.carried.iter()).all(|value| value.lanes.is_none() || value.before == value.after);
         if is_constant {
+            let mut is_behind = false;
             for step in &mut self.stretch.steps {
-                if step.form == Form::Hold {
-                    step.count = 1;
+                match step.form {
+                    Form::Hold if is_behind => step.count = 1,
+                    Form::Hold => {}
+                    form => is_behind = matches!(form, Form::Exit { .. }),
                 }
             }
-            let left = self.exits.iter_mut().flat_map(|exit| &mut exit.left);
+            let left = self.exits.iter_mut().flat_map(Exit::left_mut);
             left.for_each(|left| left.lanes = None);
         }
         is_constant
@@ -112,6 +179,18 @@ impl Stretch {
     }
 }
 
+/// Drops some steps that all subgroups come to at once.
+pub(super) fn drop_exits(steps: &mut Vec<Step>, drops: impl Fn(Form) -> bool) {
+    let mut is_dropped = false;
+    steps.retain(|step| {
+        is_dropped = match step.form {
+            Form::Hold => is_dropped,
+            form => drops(form),
+        };
+        !is_dropped
+    });
+}
+
 /// The steps of a turn of so many subgroups in the order in which they are written: those of
 /// subgroups and halves alternating by operation where `is_woven`, else all of one half before
 /// those of the other. Where all lanes may leave, all subgroups come to the same point. `None` if a
@@ -134,7 +213,7 @@ pub(super) fn ordered(
     loop {
         let mut segments: Vec<Vec<Step>> = Vec::new();
         for copy in &mut copies {
-            let is_before = |step: &Step| !matches!(step.form, Form::Exit { .. });
+            let is_before = |step: &Step| !step.form.is_common();
             segments.push(std::iter::from_fn(|| copy.next_if(is_before)).collect());
         }
         match is_woven {

@@ -4,7 +4,7 @@
 
 use super::turns::Turns;
 use super::{Class, Info, Step, Virtual};
-use crate::native::allocate::allocate;
+use crate::native::allocate::{Exit, allocate};
 use crate::native::encode::{Assembler, Base, Memory};
 
 /// Results that are kept on the stack, at most.
@@ -106,7 +106,7 @@ impl Turns {
             (info.is_home, info.keep) = (true, false);
         }
         self.stretch.infos = infos;
-        for left in self.exits.iter_mut().flat_map(|exit| &mut exit.left) {
+        for left in self.exits.iter_mut().flat_map(Exit::left_mut) {
             left.value = hoisted.kept(left.value);
         }
         let stack_bytes = hoisted.before.len() as i32 * bytes;

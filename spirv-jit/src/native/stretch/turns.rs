@@ -2,10 +2,11 @@
 //!
 //! A subgroup takes all its turns, then the next one does. Up to four subgroups take their turns
 //! together where registers suffice, so that none waits for its own results. Masks of lanes say
-//! where control is: both sides of a branch are computed, and their results are blended. Results of
-//! a lane that leaves the loop go to the rows of the construct that it leaves to. A subgroup stops
-//! when none of its lanes stays, or when the fuel is out: then the values for the next turn are in
-//! the rows, and the interpreter suspends the wave as behind any turn.
+//! where control is: both sides of a branch are computed, and their results are blended; code jumps
+//! over a long body that no lane comes to. Results of a lane that leaves the loop go to the rows of
+//! the construct that it leaves to. A subgroup stops as soon as none of its lanes stays, or at a
+//! turn's end when the fuel is out: then the values for the next turn are in the rows, and the
+//! interpreter suspends the wave as behind any turn.
 
 use foldhash::HashSet;
 use smallvec::SmallVec;
@@ -66,10 +67,12 @@ pub(crate) struct Turns {
     params: Vec<Entered>,
     /// Values that are the same in all subgroups: the first one's code computes them.
     shared: HashSet<Value>,
-    /// Where all lanes leave at once, in the order of the turn.
+    /// Where the loop ends inside of a turn, in the order of the turn.
     pub(super) exits: Vec<Exit>,
     /// How many of them the turn of this subgroup has come to.
     pub(super) exits_so_far: usize,
+    /// Bodies of branches that are never jumped over.
+    pub(super) kept_bodies: HashSet<usize>,
     /// Both halves of a subgroup take their turns together: neither need wait for the other's
     /// results, and operations across lanes see both.
     pub(super) is_paired: bool,
@@ -91,6 +94,7 @@ impl Turns {
             shared: HashSet::default(),
             exits: Vec::new(),
             exits_so_far: 0,
+            kept_bodies: HashSet::default(),
             is_paired: (is_paired || subgroups > 1) && encoding == Encoding::Vex,
             subgroups,
             takes_own: false,

@@ -74,3 +74,38 @@ fn native_code_is_listed_to_the_end_of_each_function() {
         assert!((3..=32).contains(&counts.vector_registers), "{counts:?}");
     });
 }
+
+/// Where lanes leave one after another, code tests whether there is one as soon as some have left,
+/// and not at a turn's end.
+#[test]
+fn loops_end_once_all_lanes_have_left() {
+    let products: String = (20..40)
+        .map(|k| {
+            format!(
+                "v{k}: i32 = imul v{}, v17\n",
+                if k == 20 { 17 } else { k - 1 }
+            )
+        })
+        .collect();
+    let text = TEXT
+        .replace("ult v10, v4", "ult v10, v1")
+        .replace("v18: i32", &(products + "v18: i32"))
+        .replace("br L1(v18, v17)", "br L1(v18, v39)");
+    on_tiers(|tier| {
+        let test = match tier {
+            TierKind::Portable => return,
+            TierKind::Avx2 => "vtestps",
+            TierKind::Avx512 => "kortestw",
+        };
+        let bench = Bench::new(&text, tier, 1);
+        let listing = bench.program.native_text().expect("it has native code");
+        let loops: Vec<&str> = (listing.split("\n\n"))
+            .filter(|function| function.starts_with("loop of "))
+            .collect();
+        assert!(!loops.is_empty(), "{listing}");
+        for code in loops {
+            let last = |name: &str| code.rfind(name).expect("it is there");
+            assert!(last(test) < last("vpmulld"), "{code}");
+        }
+    });
+}
