@@ -3,6 +3,9 @@
 //! If all lanes of a subgroup access one address, the operations run in registers, and one
 //! compare-and-swap writes the last result. Workgroup memory belongs to the worker that runs the
 //! workgroup, so accesses to it need no lock.
+//!
+//! No access overlaps a locked one. So the addresses of the next subgroup are found, and their
+//! memory is asked for, before a subgroup's operations.
 
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU16, AtomicU32, AtomicU64, Ordering};
@@ -25,8 +28,9 @@ use crate::ir::{Space, Type};
 const ORDER: Ordering = Ordering::SeqCst;
 
 /// The kernel of an atomic on values of a type; `None` if the type has no such operation. The
-/// instruction names the plan in `x` and the result in `d`. Accesses that are outside the memory or
-/// misaligned read zero and change nothing; so do helper invocations.
+/// instruction names the plan in `x` and the result in `d`, and `y` is not zero if that is used.
+/// Accesses that are outside the memory or misaligned read zero and change nothing; so do helper
+/// invocations.
 pub(super) fn handler(op: AtomicOp, ty: Type) -> Option<Handler> {
     if ty.bits() < 16 {
         return None;
@@ -275,29 +279,48 @@ struct Places {
 }
 
 impl Places {
+    const NONE: Places = Places {
+        at: [std::ptr::null_mut(); SUBGROUP_SIZE],
+        inside: LaneMask::NONE,
+        one: None,
+    };
+
     /// Asks for the memory of lanes whose addresses differ: operations that are one behind another
     /// would wait for each address by itself.
     fn prefetch(&self) {
-        for lane in self.inside {
-            prefetch_line(self.at[lane]);
+        for lane in 0..SUBGROUP_SIZE {
+            if self.inside.contains(lane) {
+                prefetch_line(self.at[lane]);
+            }
         }
     }
 }
 
-/// Finds the addresses of some lanes of a subgroup, at least one.
+/// Finds the addresses of the lanes of a listed subgroup, by its number in the list, if there is
+/// one. `reads`: helper invocations take part.
 ///
 /// # Safety
-/// The operands are the plan's; the subgroup is one of the wave's, and the lanes are active.
+/// The operands are the plan's.
 #[inline(never)]
 unsafe fn find_places(
     m: &Machine<'_>,
     space: Space,
     address: &[Operand],
-    (subgroup, lanes): (u16, LaneMask),
+    (number, reads): (usize, bool),
     size: u64,
     places: &mut Places,
 ) {
     (places.inside, places.one) = (LaneMask::NONE, None);
+    let Some(&subgroup) = m.listed().get(number) else {
+        return;
+    };
+    let lanes = match reads {
+        true => m.active[subgroup as usize],
+        false => m.effective(subgroup),
+    };
+    if lanes.is_empty() {
+        return;
+    }
     // SAFETY: the caller keeps the contract of this function.
     unsafe {
         let shares = match space {
@@ -369,36 +392,32 @@ impl<O: Atomic<T>, T: Cell> Kernel for Performing<O, T> {
         let operands = &m.code.operands[plan.operands as usize..];
         let (address, values) = operands.split_at(plan.space.address_operands());
         let count = value_count(plan.op);
-        let mut places = Places {
-            at: [std::ptr::null_mut(); SUBGROUP_SIZE],
-            inside: LaneMask::NONE,
-            one: None,
-        };
+        let mut places = [Places::NONE; 2];
         let mut old = [T::ZERO; SUBGROUP_SIZE];
         let none = [T::Slot::default(); SUBGROUP_SIZE];
-        for &subgroup in m.listed() {
-            let active = m.active[subgroup as usize];
-            let lanes = match O::READS {
-                true => active,
-                false => m.effective(subgroup),
-            };
+        let find = |m: &Machine<'_>, number: usize, places: &mut Places| {
+            let (size, subgroup) = (size_of::<T>() as u64, (number, O::READS));
             // SAFETY: the caller guarantees that the instruction was emitted for this kernel, and
-            // the machine runs its program; addresses are checked, and other shader threads access
-            // the memory only by atomics or as the application allows.
+            // the machine runs its program.
+            unsafe { find_places(m, plan.space, address, subgroup, size, places) }
+        };
+        find(m, 0, &mut places[0]);
+        for (number, &subgroup) in m.listed().iter().enumerate() {
+            find(m, number + 1, &mut places[(number + 1) % 2]);
+            let places = &places[number % 2];
+            let active = m.active[subgroup as usize];
+            // SAFETY: as above; addresses are checked, and other shader threads access the memory
+            // only by atomics or as the application allows.
             unsafe {
-                places.inside = LaneMask::NONE;
-                if !lanes.is_empty() {
-                    let size = size_of::<T>() as u64;
-                    let lanes = (subgroup, lanes);
-                    find_places(m, plan.space, address, lanes, size, &mut places);
+                if !places.inside.is_empty() {
                     let operand = |k: usize| match k < count {
                         true => m.block::<T::Slot>(values[k], subgroup).cast_const(),
                         false => &raw const none,
                     };
                     let operands = [operand(0), operand(1)];
-                    perform::<O, T>(&places, plan.space == Space::Shared, operands, &mut old);
+                    perform::<O, T>(places, plan.space == Space::Shared, operands, &mut old);
                 }
-                if O::GIVES {
+                if O::GIVES && i.y != 0 {
                     let results = &mut *m.block::<T::Slot>(i.d, subgroup);
                     for lane in 0..SUBGROUP_SIZE {
                         if active.contains(lane) {

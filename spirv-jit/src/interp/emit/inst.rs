@@ -305,6 +305,10 @@ impl Emitter<'_> {
             Some(&result) => self.operand(result),
             None => self.placed().scratch,
         };
+        let is_used = inst.results.first().is_some_and(|result| {
+            let range = self.placed().ranges[result.index()];
+            range.is_none_or(|(start, end)| start < end)
+        });
         let plan = self.code.atomics.len() as u32;
         self.code.atomics.push(AtomicPlan {
             op,
@@ -313,6 +317,7 @@ impl Emitter<'_> {
         });
         self.push(Instr {
             x: plan,
+            y: is_used as u32,
             d,
             ..instr(handler)
         });
