@@ -1,10 +1,12 @@
 //! Suspending a wave into its subgroups' states, and resuming it: control rows are as
 //! [`plan`](crate::plan) has them.
 
+use std::ptr::null_mut;
+
 use lanes::{LaneMask, Row};
 
 use super::descriptors;
-use super::machine::{Instr, Machine, NO_LANES};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, NO_LANES};
 use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
@@ -51,6 +53,62 @@ pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
     unsafe { suspend(m, point, Event::OutOfFuel) };
 }
 
+/// Copies a row from the frame of each subgroup to its state.
+///
+/// # Safety
+/// Row and operand are the program's.
+#[inline(always)]
+unsafe fn save_row(m: &Machine<'_>, operand: Operand, row: usize) {
+    // SAFETY: the caller keeps the contract of this function.
+    unsafe {
+        let (base, step) = m.row(operand);
+        for s in 0..m.subgroups.min(MAX_SUBGROUPS) {
+            *m.state_row(s, row) = *base.add(s * step).cast();
+        }
+    }
+}
+
+/// Copies a row from the state of each subgroup to its frame.
+///
+/// # Safety
+/// Row and operand are the program's.
+#[inline(always)]
+unsafe fn restore_row(m: &Machine<'_>, row: usize, operand: Operand) {
+    // SAFETY: the caller keeps the contract of this function.
+    unsafe {
+        let (base, step) = m.row(operand);
+        for s in 0..m.subgroups.min(MAX_SUBGROUPS) {
+            *base.add(s * step).cast() = *m.state_row(s, row);
+        }
+    }
+}
+
+/// Copies a row from the state of each subgroup with active lanes to its frame.
+///
+/// # Safety
+/// Row and operand are the program's.
+#[inline(always)]
+unsafe fn read_row(m: &Machine<'_>, row: usize, operand: Operand) {
+    // SAFETY: the caller keeps the contract of this function.
+    unsafe {
+        if m.list_len == m.subgroups {
+            return restore_row(m, row, operand);
+        }
+        let (base, step) = m.row(operand);
+        for &subgroup in m.listed() {
+            let s = subgroup as usize;
+            *base.add(s * step).cast() = *m.state_row(s, row);
+        }
+    }
+}
+
+/// Whether all lanes of the wave are active.
+#[inline(always)]
+fn is_whole(m: &Machine<'_>) -> bool {
+    let mut active = m.active.iter().take(m.subgroups);
+    m.list_len == m.subgroups && active.all(|&lanes| lanes == LaneMask::ALL)
+}
+
 /// # Safety
 /// The states have the program's layout, the lists are the program's.
 #[inline(always)]
@@ -59,16 +117,15 @@ unsafe fn save(m: &Machine<'_>, saved: List) {
         for value in &m.code.saved[range] {
             // SAFETY: the caller keeps the contract of this function.
             unsafe {
-                let (base, step) = m.row(value.operand);
                 let row = value.row as usize;
+                if !value.wide {
+                    save_row(m, value.operand, row);
+                    continue;
+                }
+                let (base, step) = m.row(value.operand);
                 for s in 0..m.subgroups {
-                    let to = m.state_row(s, row);
-                    if value.wide {
-                        let from = base.add(s * step);
-                        *to.cast::<[u64; SUBGROUP_SIZE]>() = *from.cast();
-                    } else {
-                        *to = *base.add(s * step).cast();
-                    }
+                    let to = m.state_row(s, row).cast::<[u64; SUBGROUP_SIZE]>();
+                    *to = *base.add(s * step).cast();
                 }
             }
         }
@@ -83,16 +140,15 @@ unsafe fn restore(m: &Machine<'_>, saved: List) {
         for value in &m.code.saved[range] {
             // SAFETY: the caller keeps the contract of this function.
             unsafe {
-                let (base, step) = m.row(value.operand);
                 let row = value.row as usize;
+                if !value.wide {
+                    restore_row(m, row, value.operand);
+                    continue;
+                }
+                let (base, step) = m.row(value.operand);
                 for s in 0..m.subgroups {
-                    let from = m.state_row(s, row);
-                    if value.wide {
-                        let to = base.add(s * step).cast();
-                        *to = *from.cast::<[u64; SUBGROUP_SIZE]>();
-                    } else {
-                        *base.add(s * step).cast() = *from;
-                    }
+                    let from = m.state_row(s, row).cast::<[u64; SUBGROUP_SIZE]>();
+                    *base.add(s * step).cast() = *from;
                 }
             }
         }
@@ -150,16 +206,19 @@ impl Kernel for Resume {
     }
 }
 
-/// Writes active lanes of an operand to an io row.
+/// Writes active lanes of an operand to an io row; `is_whole`: all lanes are.
 ///
 /// # Safety
 /// Row and operand are the program's.
 #[inline(always)]
-unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
+unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize, is_whole: bool) {
     // SAFETY: the caller keeps the contract of this function.
     unsafe {
-        let (base, step) = m.row(operand);
         let row = m.plan.layout.io + row;
+        if is_whole {
+            return save_row(m, operand, row);
+        }
+        let (base, step) = m.row(operand);
         for &subgroup in m.listed() {
             let s = subgroup as usize;
             let from = &*base.add(subgroup as usize * step).cast::<Row>();
@@ -199,6 +258,7 @@ impl Kernel for Yield {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let first = i.x as usize;
         let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
+        let is_whole = is_whole(m);
         // SAFETY: the caller keeps the contract of `Kernel::run`.
         unsafe {
             for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
@@ -207,7 +267,7 @@ impl Kernel for Yield {
                 } else {
                     IO_DATA_ROW + k - fixed
                 };
-                write_io(m, operand, row);
+                write_io(m, operand, row, is_whole);
             }
             for &subgroup in m.listed() {
                 *HeldOperands::of(m.states[subgroup as usize]) = HeldOperands::default();
@@ -237,6 +297,7 @@ impl Kernel for YieldAgain {
         let first = i.x as usize;
         let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
         let (operands, data) = m.code.operands[first..first + count].split_at(fixed);
+        let is_whole = is_whole(m);
         let here = HeldOperands {
             program: m.program,
             environment: m.environment.number,
@@ -250,7 +311,7 @@ impl Kernel for YieldAgain {
             let all_stand = m.listed().iter().all(stand);
             for (row, &operand) in operands.iter().enumerate() {
                 if !operand.is_uniform() {
-                    write_io(m, operand, row);
+                    write_io(m, operand, row, is_whole);
                 } else if !all_stand {
                     // In all lanes: others may be active when it is not written.
                     let from = &*m.row(operand).0.cast::<Row>();
@@ -260,7 +321,7 @@ impl Kernel for YieldAgain {
                 }
             }
             for (row, &operand) in data.iter().enumerate() {
-                write_io(m, operand, IO_DATA_ROW + row);
+                write_io(m, operand, IO_DATA_ROW + row, is_whole);
             }
             if !all_stand {
                 for &subgroup in m.listed() {
@@ -297,15 +358,9 @@ impl Kernel for ReadIo {
         let first = i.x as usize;
         let count = i.b.raw() as usize;
         for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
+            let row = m.plan.layout.io + i.c.raw() as usize + k;
             // SAFETY: the caller keeps the contract of `Kernel::run`.
-            unsafe {
-                let (base, step) = m.row(operand);
-                let row = m.plan.layout.io + i.c.raw() as usize + k;
-                for &subgroup in m.listed() {
-                    let to = base.add(subgroup as usize * step).cast::<Row>();
-                    *to = *m.state_row(subgroup as usize, row);
-                }
-            }
+            unsafe { read_row(m, row, operand) };
         }
     }
 }
@@ -347,21 +402,31 @@ impl Kernel for WriteOutputs {
         let count = (i.b.raw() as usize).min(m.outputs);
         let end = (i.c.raw() as usize).min(m.outputs);
         let operands = &m.code.operands[first..first + count];
+        let is_whole = is_whole(m);
+        let mut rows = [null_mut(); MAX_SUBGROUPS];
         // SAFETY: the caller keeps the contract of `Kernel::run`.
         unsafe {
             for &subgroup in m.listed() {
-                let s = subgroup as usize;
-                let to = m.output_row(s, 0);
-                for (row, &operand) in operands.iter().enumerate() {
-                    let (base, step) = m.row(operand);
-                    blend(
-                        &mut *to.add(row),
-                        &*base.add(s * step).cast::<Row>(),
-                        m.active[s],
-                    );
+                rows[subgroup as usize] = m.output_row(subgroup as usize, 0);
+            }
+            for (row, &operand) in operands.iter().enumerate() {
+                let (base, step) = m.row(operand);
+                if is_whole {
+                    for (s, to) in rows.iter().enumerate().take(m.subgroups) {
+                        *to.add(row) = *base.add(s * step).cast::<Row>();
+                    }
+                    continue;
                 }
-                for row in count..end {
-                    blend(&mut *to.add(row), &[0; SUBGROUP_SIZE], m.active[s]);
+                for &subgroup in m.listed() {
+                    let s = subgroup as usize;
+                    let from = &*base.add(s * step).cast::<Row>();
+                    blend(&mut *rows[s].add(row), from, m.active[s]);
+                }
+            }
+            for row in count..end {
+                for &subgroup in m.listed() {
+                    let s = subgroup as usize;
+                    blend(&mut *rows[s].add(row), &[0; SUBGROUP_SIZE], m.active[s]);
                 }
             }
         }
@@ -374,14 +439,8 @@ pub(super) struct Input;
 impl Kernel for Input {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let row = m.plan.layout.inputs + i.x as usize;
         // SAFETY: the caller keeps the contract of `Kernel::run`.
-        unsafe {
-            let (base, step) = m.row(i.d);
-            let row = m.plan.layout.inputs + i.x as usize;
-            for &subgroup in m.listed() {
-                let to = base.add(subgroup as usize * step).cast::<Row>();
-                *to = *m.state_row(subgroup as usize, row);
-            }
-        }
+        unsafe { read_row(m, row, i.d) };
     }
 }
