@@ -1,10 +1,10 @@
 //! Lines: waves of ray generation shaders that are taken on directly from a trace.
 //!
 //! A line is a wave of subgroups that stand at one trace instruction. Rays that go together are
-//! walked, the hit and miss shaders of many lanes run in place, without subgroups of their own, and
-//! so do the callables that many of those lanes call; the members whose rays are all answered go
-//! on, before the next line begins. Everything else waits where it waits without lines: rays that
-//! go apart or meet candidates, calls of few lanes, shaders that trace or run out of fuel, and
+//! walked. The any-hit, hit and miss shaders of many lanes run in place, without subgroups of their
+//! own, and so do the callables that many of those lanes call. The members whose rays are all
+//! answered go on, before the next line begins. Everything else waits where it waits without lines:
+//! rays that go apart or meet boxes, calls of few lanes, shaders that trace or run out of fuel, and
 //! waves that would be much shorter than the line.
 //!
 //! A line works ahead within a round of its [`Batch`], and never beyond: walks and callees are the
@@ -19,6 +19,7 @@ use lanes::{LaneMask, by_lane};
 use spirv_jit::Program;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, MAX_SUBGROUPS, SiteKind, Trace};
+use traversal::HitRows;
 
 use super::batch::Batch;
 use super::fill_plan::{FillPlan, Subject, fill_by_plan};
@@ -57,7 +58,11 @@ impl Batch<'_> {
     pub(super) fn runs_in_line(&self, program: ProgramIndex, role: Role) -> bool {
         let sites = self.dispatch.shaders.programs[program as usize].sites();
         let calls = |site: &SiteKind| matches!(site, SiteKind::ExecuteCallable { .. });
-        matches!(role, Role::ClosestHit | Role::Miss) && sites.iter().all(calls)
+        match role {
+            Role::ClosestHit | Role::Miss => sites.iter().all(calls),
+            Role::AnyHit => sites.is_empty(),
+            _ => false,
+        }
     }
 
     /// Whether a subgroup that is answered in a line goes on there: it is full. Others may be moved
@@ -161,16 +166,17 @@ impl Batch<'_> {
     ) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let mut groups = take(&mut self.worker.line.groups);
+        let point = compiled.resume_point(&self.worker.subgroups[members[0]].rows);
+        let uniform = compiled.uniform_operands(point);
         for &index in members {
             let subgroup = &mut self.worker.subgroups[index];
             let lanes = compiled.event_mask(&subgroup.rows);
             (subgroup.pending, subgroup.data_words) = (lanes, payload_words);
-            groups.push(self.start_rays(index, lanes, trace));
+            groups.push(self.start_rays(index, lanes, trace, uniform));
         }
         self.lines.is_answered = true;
-        let point = compiled.resume_point(&self.worker.subgroups[members[0]].rows);
-        self.lines.uniform_operands = compiled.uniform_operands(point);
         self.walk_together(&mut groups)?;
+        self.decide_in_place(members.len())?;
         self.run_calls_in_place(members.len())?;
         self.lines.is_answered = false;
         groups.clear();
@@ -234,10 +240,38 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Runs the shaders that lanes of a line have called.
+    /// Decides on the candidates of a line's rays, until all have ended or wait for shaders that do
+    /// not run in place.
+    fn decide_in_place(&mut self, members: usize) -> Result<(), Stopped> {
+        loop {
+            let mut called = take(&mut self.worker.line.deciders);
+            self.run_called(&mut called, members)?;
+            self.worker.line.deciders = called;
+            if self.walks.going_on.is_empty() {
+                return Ok(());
+            }
+            self.resume_decided()?;
+        }
+    }
+
+    /// Runs the hit and miss shaders that lanes of a line have called.
     fn run_calls_in_place(&mut self, members: usize) -> Result<(), Stopped> {
+        let mut called = take(&mut self.worker.line.programs);
+        self.run_called(&mut called, members)?;
+        self.worker.line.programs = called;
+        Ok(())
+    }
+
+    /// Runs the calls of some programs, whose list is then empty.
+    fn run_called(
+        &mut self,
+        called: &mut Vec<ProgramIndex>,
+        members: usize,
+    ) -> Result<(), Stopped> {
+        if called.is_empty() {
+            return Ok(());
+        }
         let mut line = take(&mut self.worker.line);
-        let mut called = take(&mut line.programs);
         for program in called.drain(..) {
             let mut calls = take(&mut line.calls[program as usize]);
             if is_worth_a_wave(calls.len(), members) {
@@ -253,12 +287,11 @@ impl Batch<'_> {
             calls.clear();
             line.calls[program as usize] = calls;
         }
-        line.programs = called;
         self.worker.line = line;
         Ok(())
     }
 
-    /// Runs a wave of hit or miss shaders in place.
+    /// Runs a wave of hit, miss or any-hit shaders in place.
     fn run_in_place(
         &mut self,
         program: ProgramIndex,
@@ -274,7 +307,7 @@ impl Batch<'_> {
         let mut outputs_to = [null_mut(); MAX_SUBGROUPS];
         for (place, call) in calls.iter().enumerate() {
             let state = &mut states[place * layout.rows..][..layout.rows];
-            outputs_to[place] = self.payload_rows(compiled, call.group);
+            outputs_to[place] = self.payload_rows(compiled, call);
             start_in_place(compiled, state, call.lanes, outputs_to[place]);
             self.fill_in_place(compiled, call, plan, state);
         }
@@ -294,6 +327,10 @@ impl Batch<'_> {
                 let (place, call) = (running[at], &calls[running[at]]);
                 let state = &mut states[place * layout.rows..][..layout.rows];
                 match event {
+                    Event::End if call.role == Role::AnyHit => {
+                        let outputs = &state[layout.io..][..compiled.output_rows() as usize];
+                        self.end_decider(outputs, (call.group, call.lanes));
+                    }
                     Event::End => {
                         if outputs_to[place].is_null() {
                             let outputs = &state[layout.io..][..compiled.output_rows() as usize];
@@ -425,8 +462,7 @@ impl Batch<'_> {
             let program = of_program[0].program;
             let compiled = &self.dispatch.shaders.programs[program as usize];
             let rows = compiled.layout().rows;
-            let width = self.wave_width(program);
-            for wave in of_program.chunks(width) {
+            for wave in of_program.chunks(self.wave_width(program)) {
                 let room = self.make_line_room(1, rows * wave.len(), &mut inner);
                 let outer = &states[wave[0].caller * layout.rows..][..layout.rows];
                 room.inspect_err(|_| self.note_in_line(caller, outer, 1))?;
@@ -448,7 +484,8 @@ impl Batch<'_> {
                     };
                     let inputs = &mut state[compiled.layout().inputs..];
                     let group = calls[call.caller].group;
-                    self.fill_by(plan, (group, call.record), data, inputs);
+                    let hits = &self.worker.ray_groups[group].group_walk.hits;
+                    self.fill_by(plan, (group, hits), call.record, data, inputs);
                 }
                 let numbers = (&NUMBERS[..wave.len()], &outputs_to);
                 let started = self.start_clock();
@@ -529,10 +566,11 @@ impl Batch<'_> {
     ) {
         let sources = self.sources();
         let group = &self.worker.ray_groups[call.group];
-        if let Some(plan) = plan.filter(|plan| plan.applies(group, call.lanes)) {
+        let hits = group.hits_for(call.role);
+        if let Some(plan) = plan.filter(|plan| plan.applies(hits, call.lanes)) {
             let inputs = &mut state[compiled.layout().inputs..];
             let payload = sources.data_of(group.caller);
-            return self.fill_by(plan, (call.group, call.record), payload, inputs);
+            return self.fill_by(plan, (call.group, hits), call.record, payload, inputs);
         }
         let callee = inputs::Callee {
             role: call.role,
@@ -549,13 +587,14 @@ impl Batch<'_> {
     fn fill_by(
         &self,
         plan: &FillPlan,
-        (group, record): (u32, u64),
+        (group, hits): (u32, &HitRows),
+        record: u64,
         data: &[AlignedRow],
         inputs: &mut [AlignedRow],
     ) {
         let group = &self.worker.ray_groups[group];
         let subject = Subject {
-            group,
+            hits,
             operands: group.operands(&self.worker.subgroups),
             data,
             launch: &self.worker.subgroups[group.caller].launch,
@@ -566,11 +605,11 @@ impl Batch<'_> {
     }
 
     /// The rows of the payload of the caller of rays, if they take all outputs of a callee: null if
-    /// they do not.
-    fn payload_rows(&mut self, callee: &Program, group: u32) -> *mut AlignedRow {
-        let caller = self.worker.ray_groups[group].caller;
+    /// they do not. The first output of an any-hit shader is its decision.
+    fn payload_rows(&mut self, callee: &Program, call: &InPlace) -> *mut AlignedRow {
+        let caller = self.worker.ray_groups[call.group].caller;
         let caller = &mut self.worker.subgroups[caller];
-        if callee.output_rows() > caller.data_words {
+        if call.role == Role::AnyHit || callee.output_rows() > caller.data_words {
             return null_mut();
         }
         let program = &self.dispatch.shaders.programs[caller.program as usize];
@@ -593,7 +632,7 @@ impl Batch<'_> {
         copy_lanes(self.dispatch.tier, to, outputs, ended);
     }
 
-    /// Makes a subgroup of a hit or miss shader that has not ended.
+    /// Makes a subgroup of a hit, miss or any-hit shader that has not ended.
     fn leave_line(
         &mut self,
         program: ProgramIndex,
@@ -606,7 +645,7 @@ impl Batch<'_> {
         let caller = self.worker.ray_groups[call.group].caller;
         let launch = self.worker.subgroups[caller].launch;
         let mut state = state.to_vec();
-        if !self.payload_rows(compiled, call.group).is_null() {
+        if !self.payload_rows(compiled, call).is_null() {
             let sources = self.sources();
             let payload = sources.data_of(caller);
             self.bring_outputs(compiled, &mut state, call.lanes, payload);

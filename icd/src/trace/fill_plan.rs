@@ -1,12 +1,14 @@
-//! Fill plans: the rows that the inputs of a hit or miss shader are, if its invocations run in the
-//! lanes of their rays; and those of ray generation shaders. Found once for a program and a batch.
+//! Fill plans: the rows that the inputs of a hit, miss or any-hit shader are, if its invocations
+//! run in the lanes of their rays; and those of ray generation shaders. Found once for a program
+//! and a batch.
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
+use traversal::HitRows;
 
 use super::grid::{Grid, Launches};
-use super::rays::{Operands, RayGroup, operand};
+use super::rays::{Operands, operand};
 use crate::wave::binding_table::HANDLE_SIZE;
 use crate::wave::rows::bits_of;
 
@@ -41,7 +43,8 @@ pub struct FillPlan {
 
 /// The subject of a fill: the rays, and where their caller is and keeps its payload.
 pub struct Subject<'a> {
-    pub group: &'a RayGroup,
+    /// The hits, or the candidates that an any-hit shader decides on.
+    pub hits: &'a HitRows,
     pub operands: &'a Operands,
     /// The payload, or the callable data.
     pub data: &'a [AlignedRow],
@@ -51,8 +54,8 @@ pub struct Subject<'a> {
 }
 
 impl FillPlan {
-    /// The plan of a ray generation, closest-hit, miss or callable shader, if each of its inputs is
-    /// a row that is there.
+    /// The plan of a ray generation, closest-hit, miss, any-hit or callable shader, if each of its
+    /// inputs is a row that is there.
     pub fn new(program: &Program) -> Option<FillPlan> {
         let sources: Option<Vec<Source>> = program.inputs().iter().map(source).collect();
         let sources = sources?;
@@ -67,8 +70,8 @@ impl FillPlan {
 
     /// Whether it holds for these hits.
     #[inline]
-    pub fn applies(&self, group: &RayGroup, lanes: LaneMask) -> bool {
-        !self.has_weights || (lanes - group.group_walk.hits.built_in()).is_empty()
+    pub fn applies(&self, hits: &HitRows, lanes: LaneMask) -> bool {
+        !self.has_weights || (lanes - hits.built_in()).is_empty()
     }
 
     /// Fills the inputs of a ray generation shader's invocations, whose plan this is.
@@ -93,7 +96,7 @@ impl FillPlan {
 
     #[inline(always)]
     fn fill_rows(&self, subject: &Subject<'_>, rows: &mut [AlignedRow]) {
-        let hits = &subject.group.group_walk.hits;
+        let hits = subject.hits;
         for (row, &source) in rows.iter_mut().zip(&self.sources) {
             row.0 = match source {
                 Source::Data(word) => match subject.data.get(word) {

@@ -10,7 +10,7 @@ use super::Dispatch;
 use super::grid::Launches;
 use super::rays::{Operands, RayGroup, Report, operand};
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex};
 use crate::wave::binding_table::HANDLE_SIZE;
 use crate::wave::hit_facts::{CachedFacts, Lanes, Subjects, Take, take};
 use crate::wave::rows::{bits_of, floats};
@@ -82,7 +82,6 @@ impl Sources<'_> {
                     started: subgroup.lanes,
                     of: subgroup.of,
                     rays: &rays,
-                    is_about_candidates: subgroup.role.turn() == Turn::Deciders,
                     cached: &CachedFacts::default(),
                 };
                 let callers = match subgroup.is_in_place {
@@ -221,8 +220,6 @@ struct HitLanes<'a> {
     started: LaneMask,
     of: &'a Lanes<LaneRef>,
     rays: &'a Rays<'a>,
-    /// The hits are candidates, not what was found in the end, if anything was.
-    is_about_candidates: bool,
     cached: &'a CachedFacts,
 }
 
@@ -241,10 +238,7 @@ impl<'a> HitLanes<'a> {
     /// The hits of a group that this is about.
     #[inline(always)]
     fn hits_of(&self, group: &'a RayGroup) -> &'a HitRows {
-        match self.is_about_candidates {
-            true => group.group_walk.candidates(),
-            false => &group.group_walk.hits,
-        }
+        group.hits_for(self.role)
     }
 
     /// A row of what was hit.

@@ -21,8 +21,6 @@ pub struct LineLists {
     pub is_direct: bool,
     /// A line is being answered.
     pub is_answered: bool,
-    /// Operands that are the same in all subgroups of that line, a bit each.
-    pub uniform_operands: u16,
     /// Subgroups at traces and calls that are to be answered as lines.
     pub standing: Vec<SubgroupIndex>,
     /// How far subgroups of lines came in this round.
@@ -36,7 +34,6 @@ impl LineLists {
         Self {
             is_direct,
             is_answered: false,
-            uniform_operands: 0,
             standing: Vec::new(),
             noted: Vec::new(),
             noted_callees: Vec::new(),
@@ -53,11 +50,13 @@ impl LineLists {
 pub struct Line {
     /// Groups of rays of the members.
     pub groups: Vec<u32>,
-    /// Programs that are called, in the order of their first calls.
+    /// Hit and miss shaders that are called, in the order of their first calls.
     pub programs: Vec<ProgramIndex>,
+    /// The same of any-hit shaders.
+    pub deciders: Vec<ProgramIndex>,
     /// By program.
     pub calls: Vec<Vec<InPlace>>,
-    /// States of the hit and miss shaders that run, and of the callables that those call.
+    /// States of the hit, miss and any-hit shaders that run, and of the callables that those call.
     pub states: [Vec<AlignedRow>; 2],
     /// By program; none was looked for yet, or there is none.
     pub plans: Vec<Option<Option<FillPlan>>>,
@@ -93,6 +92,7 @@ impl Line {
     pub fn clear(&mut self) {
         self.groups.clear();
         self.programs.clear();
+        self.deciders.clear();
         self.calls.iter_mut().for_each(Vec::clear);
         self.plans.clear();
         self.nested.clear();
@@ -116,7 +116,10 @@ impl Line {
         }
         let calls = &mut self.calls[place];
         if calls.is_empty() {
-            self.programs.push(program);
+            match role {
+                Role::AnyHit => self.deciders.push(program),
+                _ => self.programs.push(program),
+            }
         }
         calls.push(InPlace {
             role,

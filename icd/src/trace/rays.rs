@@ -3,12 +3,13 @@
 
 use lanes::{LaneMask, by_lane};
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
+use spirv_jit::program::{AlignedRow, IO_DATA_ROW, ResumePoint, Row};
 use traversal::{GroupWalk, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
+use crate::wave::binding_table::ProgramIndex;
 use crate::wave::rows::floats;
 
 /// `maxRayHitAttributeSize` in words.
@@ -75,6 +76,12 @@ pub struct RayGroup {
     pub fills_hit_object: bool,
     /// The instruction says when rays are cast.
     pub has_time: bool,
+    /// The operands that are the same in all subgroups that stand where the caller does: a bit
+    /// each.
+    pub uniform_operands: u16,
+    /// Where the caller stands, if rays of others there differ by their origins, directions and
+    /// intervals alone.
+    point: Option<(ProgramIndex, ResumePoint)>,
     /// They come from hit objects: nothing is walked, and the operands are here.
     is_recorded: bool,
     recorded: Option<Box<Operands>>,
@@ -91,6 +98,14 @@ impl RayGroup {
         self.fills_hit_object = false;
         self.has_time = false;
         self.is_recorded = false;
+        self.point = None;
+    }
+
+    /// Takes note of the point where the caller stands, and of its uniform operands.
+    pub fn stand_at(&mut self, point: (ProgramIndex, ResumePoint), uniform_operands: u16) {
+        let setting = operand::SETTING | u16::from(self.has_time) << operand::TIME;
+        self.uniform_operands = uniform_operands;
+        self.point = (uniform_operands & setting == setting).then_some(point);
     }
 
     /// Makes the rays come from hit objects; hits and operands are to be filled in.
@@ -106,6 +121,15 @@ impl RayGroup {
         let mut rays = RayRows::NONE;
         load_rays(dispatch.tier, self, operands, dispatch, &mut rays);
         rays
+    }
+
+    /// The hits that shaders of a role are about: candidates, or the hits in the end.
+    #[inline]
+    pub fn hits_for(&self, role: Role) -> &HitRows {
+        match role.turn() {
+            Turn::Deciders => self.group_walk.candidates(),
+            _ => &self.group_walk.hits,
+        }
     }
 
     /// Whether nothing is walked.
@@ -140,11 +164,10 @@ impl RayGroup {
         self.procedural.as_deref()
     }
 
-    /// Whether rays differ from others by their origins, directions and intervals alone, where
-    /// these operands are uniform.
-    pub fn shares_setting(&self, uniform: u16) -> bool {
-        let setting = operand::SETTING | u16::from(self.has_time) << operand::TIME;
-        uniform & setting == setting
+    /// Whether rays differ from those of another group by their origins, directions and intervals
+    /// alone, and their uniform operands are those of the other group.
+    pub fn shares_setting(&self, other: &RayGroup) -> bool {
+        self.point.is_some() && self.point == other.point
     }
 
     /// Reads the rays of a trace.

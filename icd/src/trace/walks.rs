@@ -2,7 +2,7 @@
 
 use lanes::LaneMask;
 use smallvec::SmallVec;
-use traversal::{GroupWalk, GroupWalks, RayRows, Start};
+use traversal::{GroupWalk, GroupWalks, RayRows, Start, Walker};
 
 use super::batch::Batch;
 use super::rays::{
@@ -21,21 +21,25 @@ impl GroupWalks for Batch<'_> {
         load_rays(self.dispatch.tier, group, operands, self.dispatch, rays);
         Start {
             lanes: group.in_flight - group.walked_alone.unwrap_or_default(),
+            are_alike: false,
             shows_first_hit: shows_first_hit(operands, group.in_flight, group.fills_hit_object),
             shows_order: false,
         }
     }
 
-    fn next_rays(&self, index: u32, before: Start, rays: &mut RayRows) -> Start {
+    fn next_rays(&self, index: u32, (before, start): (u32, Start), rays: &mut RayRows) -> Start {
         let group = &self.worker.ray_groups[index];
-        let uniform = self.lines.uniform_operands;
-        if !group.shares_setting(uniform) {
+        if !group.shares_setting(&self.worker.ray_groups[before]) {
             return self.rays(index, rays);
         }
         let operands = group.operands(&self.worker.subgroups);
-        load_varying_rays(self.dispatch.tier, operands, uniform, rays);
+        load_varying_rays(self.dispatch.tier, operands, group.uniform_operands, rays);
         let lanes = group.in_flight - group.walked_alone.unwrap_or_default();
-        Start { lanes, ..before }
+        Start {
+            lanes,
+            are_alike: true,
+            ..start
+        }
     }
 
     fn group_walk(&mut self, index: u32) -> &mut GroupWalk {
@@ -73,18 +77,38 @@ impl Batch<'_> {
         // rules).
         let mut advanced = unsafe { walker.trace(&starting, &apart, self) };
         (self.walks.starting, self.walks.apart) = (recycled(starting), recycled(apart));
-        // Those about whose candidates no shader has a say can go on again at once.
-        while advanced.is_ok() && !self.walks.going_on.is_empty() {
-            let going_on = std::mem::take(&mut self.walks.going_on);
-            // SAFETY: the application keeps the structures, as for their start.
-            advanced = unsafe { walker.resume(&going_on, self) };
-            if self.walks.going_on.is_empty() {
-                self.walks.going_on = recycled(going_on);
-            }
+        if advanced.is_ok() {
+            advanced = self.resume_walks(&mut walker);
         }
         self.worker.walker = Some(walker);
         advanced?;
         self.count_walks(started)
+    }
+
+    /// Goes on with the rays of a line after decisions about their candidates.
+    pub(super) fn resume_decided(&mut self) -> Result<(), Stopped> {
+        let started = self.start_clock();
+        let walker = self.worker.walker.take();
+        let mut walker = walker.expect("it is there between traces");
+        let resumed = self.resume_walks(&mut walker);
+        self.worker.walker = Some(walker);
+        resumed?;
+        self.count_walks(started)
+    }
+
+    /// Goes on with rays whose candidates are decided on.
+    fn resume_walks(&mut self, walker: &mut Walker) -> Result<(), Stopped> {
+        // Those about whose candidates no shader has a say can go on again at once.
+        while !self.walks.going_on.is_empty() {
+            let going_on = std::mem::take(&mut self.walks.going_on);
+            // SAFETY: the application keeps the structures, as for their start.
+            let resumed = unsafe { walker.resume(&going_on, self) };
+            if self.walks.going_on.is_empty() {
+                self.walks.going_on = recycled(going_on);
+            }
+            resumed?;
+        }
+        Ok(())
     }
 
     /// Walks groups of rays that go together until a shader has to run, or to their ends; the

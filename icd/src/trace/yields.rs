@@ -47,7 +47,12 @@ impl Batch<'_> {
         }
         match site {
             SiteKind::TraceRay { trace, .. } => {
-                let group = self.start_rays(index, mask, trace);
+                // Other programs write uniform operands in active lanes alone.
+                let uniform = match program.output_rows() == 0 && !trace.to_hit_object {
+                    true => program.uniform_operands(program.resume_point(&subgroup.rows)),
+                    false => 0,
+                };
+                let group = self.start_rays(index, mask, trace, uniform);
                 self.walks.starting.push(group);
             }
             SiteKind::HitObjectExecute { .. } => return self.execute_hit_objects(index, mask),
@@ -90,21 +95,26 @@ impl Batch<'_> {
         self.answered(caller, lanes);
     }
 
-    /// Makes a group of the rays that a subgroup's lanes ask for.
+    /// Makes a group of the rays that a subgroup's lanes ask for. `uniform_operands`: of the
+    /// program at the point where the subgroup stands.
     pub(super) fn start_rays(
         &mut self,
         index: SubgroupIndex,
         lanes: LaneMask,
         trace: Trace,
+        uniform_operands: u16,
     ) -> u32 {
         let worker = &mut *self.worker;
-        let program = worker.subgroups[index].program;
-        let io = self.dispatch.shaders.programs[program as usize].layout().io;
+        let caller = &worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[caller.program as usize];
+        let point = (caller.program, program.resume_point(&caller.rows));
+        let io = program.layout().io;
         let group_index = worker.ray_groups.take();
         let group = &mut worker.ray_groups[group_index];
         group.start(index, io, lanes);
         group.fills_hit_object = trace.to_hit_object;
         group.has_time = trace.motion;
+        group.stand_at(point, uniform_operands);
         if self.is_watched {
             self.watch_rays(group_index, trace);
         }
@@ -319,14 +329,7 @@ impl Batch<'_> {
                     self.finish_rays(group, lanes_named(lanes, &of));
                 }
             }
-            Role::AnyHit if is_in_place => {
-                let group = of[0].index();
-                if outputs.len() > 1 {
-                    let caller = self.worker.ray_groups[group].caller;
-                    self.copy_outputs(&outputs[1..], lanes, caller, None);
-                }
-                self.decide_together(group, lanes, &outputs[0].0);
-            }
+            Role::AnyHit if is_in_place => self.end_decider(outputs, (of[0].index(), lanes)),
             Role::AnyHit | Role::AnyHitOfReport => {
                 if outputs.len() > 1 {
                     for (group, lanes) in by_index(lanes, &of) {
@@ -346,6 +349,15 @@ impl Batch<'_> {
         }
         self.worker.subgroups[index].rows = rows;
         self.give_back(index);
+    }
+
+    /// Any-hit shaders of rays of a group, each in its own lane, have ended with these outputs.
+    pub(super) fn end_decider(&mut self, outputs: &[AlignedRow], (group, lanes): (u32, LaneMask)) {
+        if outputs.len() > 1 {
+            let caller = self.worker.ray_groups[group].caller;
+            self.copy_outputs(&outputs[1..], lanes, caller, None);
+        }
+        self.decide_together(group, lanes, &outputs[0].0);
     }
 
     /// The decision of an any-hit shader about its ray's candidate: 0 accepts it, 1 ignores it,

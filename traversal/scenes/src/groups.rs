@@ -46,6 +46,7 @@ impl<D: FnMut(&RayRows, &mut GroupWalk)> Groups<D> {
         let (rows, lanes): (Vec<_>, Vec<_>) = groups.into_iter().unzip();
         let start = |lanes| Start {
             lanes,
+            are_alike: false,
             shows_first_hit: false,
             shows_order: false,
         };

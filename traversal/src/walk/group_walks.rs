@@ -113,6 +113,8 @@ impl GroupWalk {
 pub struct Start {
     /// Lanes with a ray.
     pub lanes: LaneMask,
+    /// All rays are known to have one structure, the same flags and one mask.
+    pub are_alike: bool,
     /// Which hit rays that end with their first hit find is to follow from the ray alone.
     pub shows_first_hit: bool,
     /// Which candidates rays meet, and in which order, is to follow from the ray alone.
@@ -127,9 +129,8 @@ pub trait GroupWalks {
     /// Reads the rays of a group: as it starts, and unchanged whenever it goes on.
     fn rays(&self, group: u32, rays: &mut RayRows) -> Start;
 
-    /// The same for [`Walker::trace_together`], after another group of its list, whose rays are in
-    /// `rays` and which began like this.
-    fn next_rays(&self, group: u32, before: Start, rays: &mut RayRows) -> Start {
+    /// The same after another group, whose rays are in `rays` and which began like this.
+    fn next_rays(&self, group: u32, before: (u32, Start), rays: &mut RayRows) -> Start {
         let _ = before;
         self.rays(group, rays)
     }
@@ -148,6 +149,22 @@ pub trait GroupWalks {
     /// # Errors
     /// All is over.
     fn out_of_fuel(&mut self, group: u32) -> Result<(), Self::Stop>;
+}
+
+/// Reads the rays of a group after those of the one before.
+#[inline(always)]
+fn load<F: GroupWalks>(
+    group: u32,
+    before: &mut Option<(u32, Start)>,
+    rays: &mut RayRows,
+    group_walks: &F,
+) -> Start {
+    let start = match *before {
+        None => group_walks.rays(group, rays),
+        Some(before) => group_walks.next_rays(group, before, rays),
+    };
+    *before = Some((group, start));
+    start
 }
 
 impl Walker {
@@ -175,9 +192,10 @@ impl Walker {
     ) -> Result<(), F::Stop> {
         let in_streams = groups.len() + apart.len() >= ENOUGH;
         let mut rays = RayRows::NONE;
+        let mut before = None;
         let all = groups.iter().map(|group| (group, true));
         for (&group, may_cohere) in all.chain(apart.iter().map(|group| (group, false))) {
-            let start = group_walks.rays(group, &mut rays);
+            let start = load(group, &mut before, &mut rays, group_walks);
             // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             if may_cohere && unsafe { self.start_together(group, start, &rays, group_walks)? } {
                 continue;
@@ -209,11 +227,7 @@ impl Walker {
         let mut rays = RayRows::NONE;
         let mut before = None;
         for &group in groups {
-            let start = match before {
-                None => group_walks.rays(group, &mut rays),
-                Some(before) => group_walks.next_rays(group, before, &mut rays),
-            };
-            before = Some(start);
+            let start = load(group, &mut before, &mut rays, group_walks);
             // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             if !unsafe { self.start_together(group, start, &rays, group_walks)? } {
                 apart.push(group);
@@ -236,6 +250,7 @@ impl Walker {
         group_walks: &mut F,
     ) -> Result<(), F::Stop> {
         let mut rays = RayRows::NONE;
+        let mut before = None;
         for &group in groups {
             let Some(mut suspended) = group_walks.group_walk(group).suspended.take() else {
                 continue;
@@ -245,7 +260,7 @@ impl Walker {
                 continue;
             }
             // All that started, for what they have in common.
-            group_walks.rays(group, &mut rays);
+            load(group, &mut before, &mut rays, group_walks);
             let hits = &mut group_walks.group_walk(group).hits;
             // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
             unsafe {
@@ -284,7 +299,8 @@ impl Walker {
         // SAFETY: the caller keeps the contract of `Walk::new` for every ray.
         let progress = unsafe {
             let keeps = (!start.shows_order).then_some(&mut *suspended);
-            packet::run(rays, start.lanes, &mut group_walk.hits, self, keeps)
+            let lanes = (start.lanes, start.are_alike);
+            packet::run(rays, lanes, &mut group_walk.hits, self, keeps)
         };
         if progress == Progress::Singly {
             self.spare.push(suspended);

@@ -54,9 +54,10 @@ fn run(arguments: &[&str], way: Way) -> Vec<String> {
 
 /// How many lanes of each ray tracing shader ran, and in how many subgroups. Of ray generation
 /// shaders the lanes alone: a subgroup that has ended runs along with others of its wave.
-fn subgroups(direct: &str) -> Vec<String> {
-    let arguments = "measure path --turns 1 --width 120 --height 68 --triangles 2000 --instances 8";
+fn subgroups(workload: &str, direct: &str) -> Vec<String> {
+    let arguments = "--turns 1 --width 120 --height 68 --triangles 2000 --instances 8";
     let output = Command::new(env!("CARGO_BIN_EXE_workloads"))
+        .args(["measure", workload])
         .args(arguments.split(' '))
         .env("TUFF_STATS", "1")
         .env("TUFF_DIRECT", direct)
@@ -76,9 +77,11 @@ fn subgroups(direct: &str) -> Vec<String> {
 /// Lines form the subgroups that a batch without them forms.
 #[test]
 fn lines_change_no_subgroup() {
-    let one = subgroups("0");
-    if one.iter().any(|row| row.contains("generation")) {
-        assert_eq!(subgroups("1"), one);
+    for workload in ["path", "foliage"] {
+        let one = subgroups(workload, "0");
+        if one.iter().any(|row| row.contains("generation")) {
+            assert_eq!(subgroups(workload, "1"), one, "{workload}");
+        }
     }
 }
 

@@ -152,6 +152,7 @@ impl Queries {
             rows: object.rows,
             start: Start {
                 lanes,
+                are_alike: false,
                 shows_first_hit,
                 shows_order: true,
             },
@@ -202,6 +203,7 @@ impl Queries {
             rows: object.rows,
             start: Start {
                 lanes: going,
+                are_alike: false,
                 shows_first_hit: true,
                 shows_order: true,
             },

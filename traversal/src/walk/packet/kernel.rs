@@ -137,7 +137,7 @@ pub(super) trait PacketKernel: Sized {
     /// As above; the contract of [`Walk::new`](crate::walk::Walk::new), for every ray.
     unsafe fn trace_packet(
         rays: &RayRows,
-        lanes: LaneMask,
+        lanes: (LaneMask, bool),
         hits: &mut HitRows,
         walker: &mut Walker,
         suspended: Option<&mut Suspended>,
@@ -202,7 +202,7 @@ macro_rules! compiled {
         $(#[$feature])?
         unsafe fn trace_packet(
             rays: &RayRows,
-            lanes: LaneMask,
+            lanes: (LaneMask, bool),
             hits: &mut HitRows,
             walker: &mut Walker,
             suspended: Option<&mut Suspended>,

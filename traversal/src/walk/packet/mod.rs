@@ -55,13 +55,14 @@ const ENOUGH: u32 = 6;
 const PATIENCE: u32 = 1 << 16;
 
 /// Traces rays together if they cohere: to their ends or, with a [`Suspended`] to keep them, to
-/// candidates.
+/// candidates. `are_alike`, here and below: see
+/// [`Start::are_alike`](super::group_walks::Start::are_alike).
 ///
 /// # Safety
 /// The contract of [`Walk::new`], for every ray.
 pub(crate) unsafe fn run(
     rays: &RayRows,
-    lanes: LaneMask,
+    (lanes, are_alike): (LaneMask, bool),
     hits: &mut HitRows,
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
@@ -71,7 +72,7 @@ pub(crate) unsafe fn run(
     }
     // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
     unsafe {
-        match trace(rays, lanes, hits, walker, suspended) {
+        match trace(rays, (lanes, are_alike), hits, walker, suspended) {
             Progress::Apart(alike) => run_apart(rays, (lanes, alike), hits, walker),
             progress => progress,
         }
@@ -92,7 +93,7 @@ unsafe fn run_apart(
 ) -> Progress {
     loop {
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
-        match unsafe { trace(rays, part, hits, walker, None) } {
+        match unsafe { trace(rays, (part, false), hits, walker, None) } {
             Progress::Apart(alike) if alike != part => part = alike,
             Progress::Done if rest == part => return Progress::Done,
             Progress::Done => {
@@ -111,7 +112,7 @@ unsafe fn run_apart(
 #[inline(always)]
 unsafe fn trace(
     rays: &RayRows,
-    lanes: LaneMask,
+    lanes: (LaneMask, bool),
     hits: &mut HitRows,
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
@@ -180,7 +181,7 @@ fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
 #[inline(always)]
 unsafe fn trace_packet<K: PacketKernel>(
     rays: &RayRows,
-    lanes: LaneMask,
+    (lanes, are_alike): (LaneMask, bool),
     hits: &mut HitRows,
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
@@ -189,7 +190,7 @@ unsafe fn trace_packet<K: PacketKernel>(
     let rays = filled.as_ref().unwrap_or(rays);
     // SAFETY: the caller guarantees a machine with the instruction set.
     let v = unsafe { K::V::new() };
-    if !(rays.are_alike() && set_up::cohere(v, rays, lanes)) {
+    if !(are_alike || rays.are_alike()) || !set_up::cohere(v, rays, lanes) {
         return Progress::Singly;
     }
     let first = lanes.first();

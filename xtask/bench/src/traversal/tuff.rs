@@ -78,6 +78,7 @@ impl GroupWalks for Batch<'_> {
         }
         Start {
             lanes: LaneMask::full(rays.len()),
+            are_alike: false,
             shows_first_hit: self.in_turn,
             shows_order: false,
         }
