@@ -180,9 +180,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Steps that a worker takes at once. Where workgroups may wait for others, it is one: all
-    /// workgroups up to the last that has started must have started, since one that waits may wait
-    /// for any of those, too.
+    /// Steps that a worker takes at once: one where workgroups may wait for others. In a longer
+    /// chunk, the workgroup that is waited for could come after the waiting one, and never start.
     fn chunk_steps(&self, workers: usize) -> u64 {
         match self.dispatch.program.workgroups_may_wait() {
             true => 1,
