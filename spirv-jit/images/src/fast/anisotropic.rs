@@ -110,14 +110,16 @@ impl<V: Vector> Task<V> for AlongFootprints<'_, '_> {
             };
             let mut levels = LevelRows::new();
             let [mut rows, mut far] = [const { [const { ChunkRows::new() }; 4] }; 2];
-            v.apart(PutLevels {
-                fast,
-                wave,
-                levels: &numbers,
-                is_next: false,
-                to: &mut levels,
-            });
-            let at = (&of_samples, Some(&levels));
+            if fast.has_levels() {
+                v.apart(PutLevels {
+                    fast,
+                    wave,
+                    levels: &numbers,
+                    is_next: false,
+                    to: &mut levels,
+                });
+            }
+            let at = (&of_samples, fast.has_levels().then_some(&levels));
             fast.of_level(v, wave, at, Out::Rows(&mut rows));
             let mut near = None;
             if between != 0 {

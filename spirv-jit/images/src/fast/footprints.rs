@@ -81,6 +81,24 @@ impl Fast<'_> {
         }
     }
 
+    /// The byte offsets of a subgroup's levels.
+    ///
+    /// # Safety
+    /// Levels were put, if the image has several.
+    #[inline(always)]
+    unsafe fn level_offset<V: Vector>(
+        &self,
+        v: V,
+        levels: Option<&LevelRows>,
+        index: usize,
+    ) -> V::I {
+        match levels {
+            // SAFETY: the caller guarantees that the levels were put.
+            Some(levels) => unsafe { levels.offsets.get(v, index) },
+            None => v.splat_i(self.image.levels[0].offset_bytes as i32),
+        }
+    }
+
     /// The byte offset that a subgroup's texels have in common: its layers', and its levels'.
     ///
     /// # Safety
@@ -95,10 +113,7 @@ impl Fast<'_> {
     ) -> V::I {
         // SAFETY: the caller keeps the contract of this function.
         unsafe {
-            let level = match levels {
-                Some(levels) => levels.offsets.get(v, index),
-                None => v.splat_i(self.image.levels[0].offset_bytes as i32),
-            };
+            let level = self.level_offset(v, levels, index);
             match self.has_layers() {
                 true => v.add_i(level, places.layers.get(v, index)),
                 false => level,
@@ -403,10 +418,7 @@ impl<V: Vector> Task<V> for PlaceAcrossEdges<'_, '_> {
             let (width, texel_bytes) = fast.extent(v, levels, index, 0);
             let (height, row_bytes) = fast.extent(v, levels, index, 1);
             let last_row = v.sub_i(height, one);
-            let level = match levels {
-                Some(levels) => levels.offsets.get(v, index),
-                None => v.splat_i(fast.image.levels[0].offset_bytes as i32),
-            };
+            let level = fast.level_offset(v, levels, index);
             let face = places.faces.get(v, index);
             let first_face = places.first_faces.get(v, index);
             let first = [taps.at[0][0].get(v, index), taps.at[1][0].get(v, index)];
