@@ -516,6 +516,50 @@ fn invocations_store_where_nothing_is_rasterized() {
     assert_eq!(buffer.read::<u32>(), [639 * 640 / 2, 10 * (63 * 64 / 2)]);
 }
 
+/// Two workgroups wait for each other, of the task shader and then of the mesh shader. Vulkan
+/// promises no such progress, but workers take workgroups in order, and two of them one each.
+#[test]
+fn two_workgroups_wait_for_each_other() {
+    let variables = [("TUFF_THREADS", "2"), ("LP_NUM_THREADS", "2")];
+    if !alone("two_workgroups_wait_for_each_other", &variables) {
+        return;
+    }
+    let Some(gpu) = device() else { return };
+    let stores = gpu.features.vertex_pipeline_stores_and_atomics == vk::TRUE;
+    if !has("stores in mesh shaders", stores) {
+        return;
+    }
+    const WAIT: &str = "
+        layout(set = 0, binding = 0) coherent buffer B { uint started[2]; uint met[2]; };
+        void wait(uint stage) {
+            atomicAdd(started[stage], 1u);
+            uint turns = 0u;
+            while (atomicAdd(started[stage], 0u) < 2u && turns < 1u << 25) turns++;
+            if (turns < 1u << 25) atomicAdd(met[stage], 1u);
+        }";
+    let task = format!(
+        "layout(local_size_x = 1) in; {WAIT}
+        void main() {{ wait(0); EmitMeshTasksEXT(1, 1, 1); }}"
+    );
+    let mesh = format!(
+        "layout(local_size_x = 1) in; {WAIT}
+        layout(triangles, max_vertices = 3, max_primitives = 1) out;
+        void main() {{ SetMeshOutputsEXT(0, 0); wait(1); }}"
+    );
+    let buffer = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set_of(&[Bound::Storage(buffer)]);
+    let mut painting = painting(&gpu, Some(&task), &mesh);
+    painting.fragment = Some(WHITE);
+    painting.layout = gpu.layout(&[set.layout]);
+    let pipeline = gpu.painting(&painting);
+    let canvas = gpu.canvas(RGBA, 4, 4);
+    gpu.paint(&canvas, pipeline, |commands| {
+        gpu.bind_set(commands, painting.layout, set.handle);
+        draw(&gpu, commands, [2, 1, 1]);
+    });
+    assert_eq!(buffer.read::<u32>(), [2; 4]);
+}
+
 #[test]
 fn views_run_mesh_shaders_of_their_own() {
     let Some(gpu) = device() else { return };

@@ -4,6 +4,7 @@
 #![forbid(unsafe_code)]
 
 use std::io;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
@@ -78,6 +79,36 @@ impl Workers {
                     .try_for_each(|_| work())
             }),
         }
+    }
+
+    /// Does `work` for each of some parts, which workers take in order. Returns the results in that
+    /// order, too.
+    ///
+    /// # Errors
+    /// One of a part; then workers take no more parts.
+    pub fn in_order<P: Sync, R: Send + Sync, E: Send>(
+        &self,
+        parts: &[P],
+        work: impl Fn(&P) -> Result<R, E> + Sync + Send,
+    ) -> Result<Vec<R>, E> {
+        let next = AtomicUsize::new(0);
+        let results: Vec<OnceLock<R>> = parts.iter().map(|_| OnceLock::new()).collect();
+        self.share(parts.len().min(self.count), || {
+            loop {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                let Some(part) = parts.get(index) else {
+                    return Ok(());
+                };
+                let result =
+                    work(part).inspect_err(|_| next.store(parts.len(), Ordering::Relaxed))?;
+                // A part is taken once.
+                let _ = results[index].set(result);
+            }
+        })?;
+        Ok(results
+            .into_iter()
+            .filter_map(OnceLock::into_inner)
+            .collect())
     }
 
     /// Whether this is a child of the process that made the workers.
@@ -156,7 +187,6 @@ impl Pool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
     fn threads_are_gone_after_drop() {

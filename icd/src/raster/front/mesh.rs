@@ -40,20 +40,28 @@ const JOB_VERTICES: u32 = 8192;
 /// more.
 const JOB_WORDS: usize = 1 << 16;
 
-/// Workgroups of a job, at most, of so many.
+/// Workgroups of a job, at most, of so many that a draw or a job of tasks has.
 pub fn share(all: u64) -> u32 {
     (all / FEW_JOBS).clamp(FEW_WORKGROUPS, JOB_WORKGROUPS as u64) as u32
 }
 
-/// Workgroups of a mesh program in a job, at most.
-pub fn longest(facts: &MeshFacts) -> u32 {
+/// Workgroups of a mesh program in a job, at most. Those that may wait for others have a job each:
+/// in a longer one, the workgroup that is waited for could come after the waiting one, and never
+/// start.
+pub fn longest(program: &Program, facts: &MeshFacts) -> u32 {
+    if program.workgroups_may_wait() {
+        return 1;
+    }
     let primitives = CHUNK_PRIMITIVES as u32 / facts.max_primitives.max(1);
     let vertices = JOB_VERTICES / facts.max_vertices.max(1);
     primitives.min(vertices).clamp(1, JOB_WORKGROUPS as u32)
 }
 
-/// Workgroups of a task program in a job, at most.
-pub fn longest_of_tasks(facts: &MeshFacts) -> u32 {
+/// Workgroups of a task program in a job, at most: as [`longest`].
+pub fn longest_of_tasks(program: &Program) -> u32 {
+    let Some(facts) = program.mesh().filter(|_| !program.workgroups_may_wait()) else {
+        return 1;
+    };
     let words = facts.payload_bytes as usize / 4;
     (JOB_WORDS / words.max(1)).clamp(1, JOB_WORKGROUPS) as u32
 }

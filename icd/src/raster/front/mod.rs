@@ -51,7 +51,6 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
-use rayon::prelude::*;
 
 use self::chunk::{ChunkWorker, Round};
 use self::mesh::{TaskCursor, Tasks};
@@ -232,7 +231,7 @@ impl FrontEnd {
         round: &Round<'_>,
         jobs: &[Job],
     ) -> Result<Vec<Chunk>, Stopped> {
-        let make = |job: &Job| {
+        let make = |job: &Job| -> Result<Chunk, Stopped> {
             let _span = timeline::work("primitives");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
             let mut chunk = self.spare.lock().pop().unwrap_or_default();
@@ -246,9 +245,7 @@ impl FrontEnd {
         if jobs.len() == 1 || are_few {
             return jobs.iter().map(make).collect();
         }
-        context
-            .workers
-            .install(|| jobs.par_iter().map(make).collect())
+        context.workers.in_order(jobs, make)
     }
 
     /// Runs the control or task shaders of a job and of those that follow it, up to `room` jobs.
@@ -273,7 +270,7 @@ impl FrontEnd {
             }
             all.push(job);
         }
-        let run = |job: &Job| {
+        let run = |job: &Job| -> Result<Option<Expanded>, Stopped> {
             let _span = timeline::work("patches and tasks");
             let mut worker = self.idle.lock().pop().unwrap_or_default();
             let made = worker.expand(round, job)?;
@@ -284,9 +281,7 @@ impl FrontEnd {
         let made: Vec<Option<Expanded>> = if all.len() == 1 {
             all.iter().map(run).collect::<Result<_, _>>()?
         } else {
-            context
-                .workers
-                .install(|| all.par_iter().map(run).collect::<Result<_, _>>())?
+            context.workers.in_order(&all, run)?
         };
         for made in made.into_iter().flatten() {
             let patches = match made {

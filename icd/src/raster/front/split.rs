@@ -295,7 +295,7 @@ fn is_drawn(draw: &Draw) -> bool {
 fn longest(draw: &Draw) -> u32 {
     match (draw.stages.tessellation(), draw.stages.task()) {
         (Some((control, _)), _) => patches::longest(control),
-        (None, Some(task)) => task.mesh().map_or(1, mesh::longest_of_tasks),
+        (None, Some(task)) => mesh::longest_of_tasks(task),
         (None, None) => longest_chunk(draw),
     }
 }
@@ -306,8 +306,9 @@ pub fn longest_chunk(draw: &Draw) -> u32 {
     let state = &draw.state;
     let rasterization = &state.rasterization;
     let bresenham = ash::vk::LineRasterizationModeEXT::BRESENHAM;
-    if let Some(facts) = draw.stages.mesh().and_then(Program::mesh) {
-        mesh::longest(facts)
+    let mesh = draw.stages.mesh();
+    if let Some((program, facts)) = mesh.and_then(|it| Some((it, it.mesh()?))) {
+        mesh::longest(program, facts)
     } else if let Some(facts) = draw.stages.geometry().and_then(Program::geometry) {
         geometry::longest(facts).min(CHUNK_PRIMITIVES as u32)
     } else if rasterization.line_stipple && is_line_strip(state.topology) {
