@@ -69,16 +69,30 @@ impl Edge {
         }
     }
 
-    /// Places of the vertices. Of a level f with n segments, n − 2 have the length 1/f, and the
-    /// first and the last one share the rest: vertex k is at (f − n + 2k) / 2f.
+    /// Places of the vertices, those of Direct3D: Vulkan leaves the choice, and programs see the
+    /// same vertices as on other devices. The places of a level f with n segments lie between those
+    /// of equal segments, n − 2 and n of them, as f lies between these numbers. So n − 2 segments
+    /// have one length. The other two are shorter: in each half one, which starts at vertex
+    /// [`split`].
     fn places(self) -> Places {
-        let n = self.segments;
-        let level = i64::from(self.level);
-        let place = |k: u32| {
-            let parts = level - (i64::from(n) - 2 * i64::from(k)) * i64::from(LEVEL_ONE);
-            // Rounded to the nearest: parts · ONE / 2f. Two vertices share a place only at a level
-            // of 1 + ε.
-            let place = (parts * i64::from(ONE) + level) / (2 * level);
+        let n = i64::from(self.segments);
+        // Of the difference of 2 between the levels with n − 2 and with n segments.
+        let (all, part) = (
+            2 * i64::from(LEVEL_ONE),
+            i64::from(self.level) - (n - 2) * i64::from(LEVEL_ONE),
+        );
+        let split = i64::from(split(self.segments));
+        let place = |k: i64| {
+            let fewer = k - i64::from(k > split);
+            let (parts, whole) = match part == all {
+                true => (k, n),
+                false => (
+                    fewer * (all - part) * n + k * part * (n - 2),
+                    all * n * (n - 2),
+                ),
+            };
+            // Rounded to the nearest. No vertex but those of 1 + ε shares the place of an end.
+            let place = (2 * parts * i64::from(ONE) + whole) / (2 * whole);
             if parts == 0 { 0 } else { place.max(1) as u32 }
         };
         (0..=n)
@@ -89,6 +103,17 @@ impl Edge {
                 _ => ONE - place(n - k),
             })
             .collect()
+    }
+}
+
+/// The vertex, counted from an end of an edge of so many segments, that is the first one of the
+/// segment which an edge of two segments fewer lacks in this half (Direct3D 11 reference
+/// tessellator, `ComputeTessFactorContext`).
+fn split(segments: u32) -> u32 {
+    let half = (segments.saturating_sub(2)) / 2;
+    match half.checked_ilog2() {
+        Some(log) => 2 * (half & !(1 << log)) + 1,
+        None => 0,
     }
 }
 

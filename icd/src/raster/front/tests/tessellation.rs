@@ -203,6 +203,75 @@ fn levels_are_clamped_and_rounded() {
     }
 }
 
+/// The places of a fractional level, in f64, as the Direct3D 11 reference tessellator has them
+/// (`PlacePointIn1D`).
+fn reference_places(is_odd: bool, level: f64) -> Vec<f64> {
+    let half = level / 2.0 + if is_odd { 0.5 } else { 0.0 };
+    let (floor, ceil) = (half.floor(), half.ceil());
+    let points = ceil as u32;
+    let without_high_bit = |it: u32| it & !(1 << it.ilog2());
+    let split = match floor as u32 {
+        1 if is_odd => 0,
+        it if is_odd => without_high_bit(it - 1) * 2 + 1,
+        it => without_high_bit(it) * 2 + 1,
+    };
+    let odd = f64::from(u8::from(is_odd));
+    let place = |point: u32| {
+        let on_floor = point - u32::from(ceil != floor && point > split);
+        let [on_floor, on_ceil] = [(on_floor, floor), (point, ceil)]
+            .map(|(point, half)| f64::from(point) / (2.0 * half - odd));
+        on_floor + (on_ceil - on_floor) * (half - floor)
+    };
+    let segments = 2 * points - u32::from(is_odd);
+    let mirrored = |point| match 2 * point <= segments {
+        true => place(point),
+        false => 1.0 - place(segments - point),
+    };
+    (0..=segments).map(mirrored).collect()
+}
+
+/// Edges of fractional levels have the vertices of Direct3D's tessellator: all segments but two
+/// have one length, and two that are as long as each other are shorter.
+#[test]
+fn fractional_levels_have_the_places_of_direct3d() {
+    let mut random = Random::with_seed(3);
+    let whole = (1..=64).map(|level| level as f32);
+    let levels: Vec<f32> = whole.chain((0..500).map(|_| level(&mut random))).collect();
+    for (spacing, least, most) in [
+        (Spacing::FractionalOdd, 1.0, 63.0),
+        (Spacing::FractionalEven, 2.0, 64.0),
+    ] {
+        for &level in &levels {
+            let made =
+                Subdivision::new(Domain::Isolines, spacing, [1.0, level, 0.0, 0.0], [0.0; 2]);
+            let Some(made) = made else { continue };
+            let made = made.tessellate(false, false);
+            let places: Vec<f64> = made.coordinates.iter().map(|it| it[0].into()).collect();
+            let clamped = f64::from(level.clamp(least, most));
+            let expected = reference_places(spacing == Spacing::FractionalOdd, clamped);
+            assert_eq!(places.len(), expected.len(), "{spacing:?} {level}");
+            for (place, expected) in places.iter().zip(&expected) {
+                assert!(
+                    (place - expected).abs() < 3e-7,
+                    "{spacing:?} {level}: {places:?}"
+                );
+            }
+            let mut lengths: Vec<f64> = expected.windows(2).map(|it| it[1] - it[0]).collect();
+            lengths.sort_by(f64::total_cmp);
+            let equal = lengths.get(2..).unwrap_or_default();
+            assert!(
+                equal.iter().all(|it| it - equal[0] < 1e-9),
+                "{spacing:?} {level}"
+            );
+        }
+    }
+    // A level of 2 lies in the middle between one and three segments.
+    assert_eq!(
+        reference_places(true, 2.0),
+        [0.0, 1.0 / 6.0, 5.0 / 6.0, 1.0]
+    );
+}
+
 /// A patch with a relevant outer level that is not greater than zero is discarded.
 #[test]
 fn patches_are_discarded() {
