@@ -64,27 +64,37 @@ pub struct Planes {
     pub is_affine: bool,
 }
 
+/// The barycentric coordinate that is 0 on the side from one vertex to another, at a place in
+/// fixed-point units. No closure: it would be called, and its result read from memory in other
+/// sizes than it is written in.
+#[inline(always)]
+fn side(from: &ScreenVertex, to: &ScreenVertex, at: [i64; 2], inverse: f64) -> Wide {
+    let a = from.y - to.y;
+    let b = to.x - from.x;
+    let across = i64::from(a) * (at[0] - i64::from(from.x));
+    let down = i64::from(b) * (at[1] - i64::from(from.y));
+    let step = inverse * f64::from(PIXEL);
+    Wide {
+        at: (across + down) as f64 * inverse,
+        dx: f64::from(a) * step,
+        dy: f64::from(b) * step,
+    }
+}
+
 /// Of a triangle with all vertices on the screen, from the same positions as its coverage: samples
 /// that it covers are within it. `area` is twice its area in fixed-point units, with its sign, not
 /// 0.
 #[inline(always)]
 pub fn of_triangle(vertices: &[&ScreenVertex; 3], area: i64, origin: [i32; 2]) -> Planes {
     let center = |pixel: i32| i64::from(pixel) * i64::from(PIXEL) + i64::from(PIXEL / 2);
-    let (x, y) = (center(origin[0]), center(origin[1]));
+    let at = [center(origin[0]), center(origin[1])];
     let inverse = 1.0 / area as f64;
-    let step = inverse * f64::from(PIXEL);
-    let lambda = |from: &ScreenVertex, to: &ScreenVertex| {
-        let a = from.y - to.y;
-        let b = to.x - from.x;
-        let at = i64::from(a) * (x - i64::from(from.x)) + i64::from(b) * (y - i64::from(from.y));
-        Wide {
-            at: at as f64 * inverse,
-            dx: f64::from(a) * step,
-            dy: f64::from(b) * step,
-        }
-    };
     let [v0, v1, v2] = *vertices;
-    let linear = [lambda(v1, v2), lambda(v2, v0), lambda(v0, v1)];
+    let linear = [
+        side(v1, v2, at, inverse),
+        side(v2, v0, at, inverse),
+        side(v0, v1, at, inverse),
+    ];
     let depth = Wide::constant(v0.depth)
         .plus(linear[1].times(v1.depth - v0.depth))
         .plus(linear[2].times(v2.depth - v0.depth));
