@@ -136,6 +136,104 @@ fn neighbours_cover_each_pixel_once() {
     assert_eq!(gpu.colors(&canvas), [[1; 4]; (SIZE * SIZE) as usize]);
 }
 
+/// Rectangles of two triangles each, which differ in a corner: a fragment has the values of the
+/// triangle that it lies in. All of the first rectangle have one plane.
+#[test]
+fn halves_of_rectangles_have_their_own_values() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    const SIZE: [f64; 2] = [21.0, 13.0];
+    const STEP: u32 = 24;
+    const KINDS: u32 = 5;
+    let vertex = "
+        layout(location = 0) in vec4 position;
+        layout(location = 1) in vec4 color;
+        layout(location = 0) out vec3 shade;
+        layout(location = 1) flat out float level;
+        void main() { gl_Position = position; shade = color.rgb; level = color.a; }";
+    let fragment = "
+        layout(location = 0) in vec3 shade;
+        layout(location = 1) flat in float level;
+        layout(location = 0) out vec4 color;
+        void main() { color = vec4(0.25 + 0.5 * shade, level); }";
+    let [width, height] = [KINDS * STEP, 18];
+    // Colours and depths of the corners by kind, and corners of the second triangle.
+    let corner = |kind: u32, [u, v]: [u32; 2], second: bool| -> ([f32; 4], f32) {
+        let is_fourth = u + v == 2;
+        let mut color = [u as f32, v as f32, 0.5, 1.0];
+        let mut depth = 0.5;
+        match kind {
+            1 if is_fourth => color[0] = 0.25,
+            2 if second => color[3] = 0.75,
+            // A plane, but not along the sides.
+            3 => color[2] = (u + 2 * v) as f32 / 3.0,
+            4 if is_fourth => depth = 0.25,
+            _ => {}
+        }
+        (color, depth)
+    };
+    let mut corners = Vec::new();
+    for kind in 0..KINDS {
+        for (second, three) in [
+            (false, [[0, 0], [1, 0], [0, 1]]),
+            (true, [[1, 0], [1, 1], [0, 1]]),
+        ] {
+            for place in three {
+                let (color, depth) = corner(kind, place, second);
+                let x = 2.0 + f64::from(kind * STEP) + f64::from(place[0]) * SIZE[0];
+                let y = 3.0 + f64::from(place[1]) * SIZE[1];
+                let at = |place: f64, size: u32| (place / f64::from(size) * 2.0 - 1.0) as f32;
+                corners.push(Corner {
+                    position: [at(x, width), at(y, height), depth, 1.0],
+                    color,
+                });
+            }
+        }
+    }
+    let vertices = gpu.buffer_with(&corners);
+    let canvas = gpu.canvas(RGBA, width, height);
+    let pipeline = gpu.painting(&Painting::new(&gpu, vertex, fragment, RGBA).with_corners());
+    gpu.paint(&canvas, pipeline, |commands| {
+        gpu.bind_vertices(commands, &vertices);
+        gpu.draw_vertices(commands, corners.len() as u32);
+    });
+    for (index, found) in (0..).zip(gpu.colors(&canvas)) {
+        let (x, y) = (index % width, index / width);
+        let kind = x / STEP;
+        let u = (f64::from(x % STEP) + 0.5 - 2.0) / SIZE[0];
+        let v = (f64::from(y) + 0.5 - 3.0) / SIZE[1];
+        if !(0.0..1.0).contains(&u) || !(0.0..1.0).contains(&v) {
+            assert_eq!(found, [0; 4], "pixel {x}, {y}");
+            continue;
+        }
+        let second = u + v > 1.0;
+        if kind != 0 && (u + v - 1.0).abs() < 1e-3 {
+            continue;
+        }
+        let color = |place| corner(kind, place, second).0.map(f64::from);
+        let (near, across, down) = match second {
+            false => (color([0, 0]), color([1, 0]), color([0, 1])),
+            true => (color([1, 1]), color([0, 1]), color([1, 0])),
+        };
+        let [u, v] = if second { [1.0 - u, 1.0 - v] } else { [u, v] };
+        for component in 0..4 {
+            let [a, b, c] = [near, across, down].map(|it| it[component]);
+            let value = a + u * (b - a) + v * (c - a);
+            let value = if component < 3 {
+                0.25 + 0.5 * value
+            } else {
+                value
+            };
+            let error = (f64::from(found[component]) - 255.0 * value).abs();
+            assert!(
+                error < 1.0,
+                "pixel {x}, {y}: {found:?}, not {value} at {component}"
+            );
+        }
+    }
+}
+
 /// A strip of quads, one pixel each: index types, first index, vertex offset and restart.
 #[test]
 fn indices_choose_vertices() {

@@ -137,6 +137,25 @@ pub fn area(corners: [[i32; 2]; 3]) -> i64 {
         - difference(c[0], a[0]) * difference(b[1], a[1])
 }
 
+/// The corners of a box that a triangle's are: bit 1 of a corner's number is that of the greater x,
+/// bit 2 that of the greater y. None if a corner of the triangle is elsewhere.
+#[inline(always)]
+pub fn corners_in(
+    triangle: &[[i32; 2]; 3],
+    least: [i32; 2],
+    greatest: [i32; 2],
+) -> Option<[u32; 3]> {
+    let mut corners = [0; 3];
+    for (corner, &[x, y]) in corners.iter_mut().zip(triangle) {
+        let is_corner = (x == least[0] || x == greatest[0]) && (y == least[1] || y == greatest[1]);
+        if !is_corner {
+            return None;
+        }
+        *corner = u32::from(x == greatest[0]) + 2 * u32::from(y == greatest[1]);
+    }
+    Some(corners)
+}
+
 /// The edge from one corner of a triangle to the next; `sign` is that of its area.
 #[inline(always)]
 fn side(from: [i32; 2], to: [i32; 2], sign: i32) -> Edge {

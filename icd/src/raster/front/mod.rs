@@ -20,6 +20,7 @@
 
 mod assemble;
 mod bins;
+mod boxes;
 mod bresenham;
 mod chunk;
 mod clip;

@@ -3,6 +3,7 @@
 
 use std::sync::atomic::Ordering;
 
+use super::boxes::Boxes;
 use super::chunk::{ChunkWorker, Round};
 use super::facts::Facts;
 use super::fetch::Common;
@@ -116,7 +117,7 @@ impl DrawPrimitives<'_> {
     #[inline(always)]
     fn add(
         &self,
-        set_up: &mut SetUp<'_>,
+        (set_up, boxes): (&mut SetUp<'_>, &mut Boxes<'_>),
         (number, assembled): (usize, &Assembled),
         to: Destination,
         on_screen: [&ScreenVertex; 3],
@@ -131,7 +132,17 @@ impl DrawPrimitives<'_> {
         }
         if self.harmful.is_some_and(|harmful| all & harmful == 0) {
             set_up.clipped += 1;
-            set_up.whole_triangle(&primitive(), on_screen);
+            let (vertices, place) = (assembled.vertices, [to.layer, to.view_index, to.viewport]);
+            if !boxes.join(
+                vertices,
+                place,
+                on_screen,
+                (&self.shaded, &mut *set_up.chunk),
+            ) {
+                let shapes = set_up.chunk.shapes.len();
+                set_up.whole_triangle(&primitive(), on_screen);
+                boxes.note(vertices, place, on_screen, (shapes, &*set_up.chunk));
+            }
             return;
         }
         if self.kind == Some(PrimitiveKind::Line) && all & code::CUT == 0 {
@@ -225,6 +236,7 @@ impl ChunkWorker {
             stippled: 0.0,
             clipped: 0,
         };
+        let mut boxes = Boxes::new(draw, all.harmful.is_some());
         let mut last = None;
         let mut own = [ScreenVertex::default(); 3];
         for (number, assembled) in self.primitives.iter().enumerate() {
@@ -238,7 +250,8 @@ impl ChunkWorker {
             }
             last = continues.then_some((assembled.vertices[1], assembled.common));
             if let Some(on_screen) = all.on_screen(assembled, to.viewport, &mut own) {
-                all.add(&mut set_up, (number, assembled), to, on_screen);
+                let to_chunk = (&mut set_up, &mut boxes);
+                all.add(to_chunk, (number, assembled), to, on_screen);
             }
         }
         count_clipping(draw, count as u64, set_up.clipped);

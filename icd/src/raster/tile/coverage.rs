@@ -94,7 +94,7 @@ pub struct Covered {
 impl Block {
     /// With the masks of its samples, the first in the lowest bits.
     #[inline(always)]
-    fn new(x: i32, y: i32, masks: u128) -> Self {
+    pub fn new(x: i32, y: i32, masks: u128) -> Self {
         Self {
             x: x as u8,
             y: y as u8,
@@ -294,7 +294,7 @@ fn cells_of<W: EdgeInteger>(
 
 /// Of sixteen squares of `size` pixels from (x, y) on: those that a clip touches, and those inside.
 #[inline(always)]
-fn cells_in(clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
+pub fn cells_in(clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
     let down = |end: i32, from: i32| (end - from).div_euclid(size);
     let up = |end: i32, from: i32| (end - from + size - 1).div_euclid(size);
     let touched = cells(
@@ -351,14 +351,14 @@ fn pixels<W: EdgeInteger>(
 
 /// A block that is covered as a whole.
 #[inline(always)]
-fn whole(x: i32, y: i32, samples: u32) -> Block {
+pub fn whole(x: i32, y: i32, samples: u32) -> Block {
     Block::new(x, y, u128::MAX >> (128 - 16 * samples.clamp(1, 8)))
 }
 
 /// Takes the first set bit of a mask: its place, 4 to a row, times `size`, and itself. For loops
 /// where a closure would not be compiled for the tier.
 #[inline(always)]
-fn next_cell(mask: &mut u16, size: i32) -> Option<(i32, i32, u16)> {
+pub fn next_cell(mask: &mut u16, size: i32) -> Option<(i32, i32, u16)> {
     if *mask == 0 {
         return None;
     }

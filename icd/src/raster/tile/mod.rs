@@ -45,6 +45,7 @@ mod squares;
 #[cfg(test)]
 mod tests;
 mod texels;
+mod upright;
 mod visit;
 mod write;
 

@@ -8,7 +8,7 @@ use lanes::Tier;
 
 use super::coverage::{NARROW, SMALL, in_tile, inside, is_small, narrow_side};
 use super::lanes::IN_BLOCK;
-use crate::raster::primitive::{Bounds, Edge, edge};
+use crate::raster::primitive::{Bounds, Edge, corners_in, edge};
 
 /// A block of pixels of a rectangle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -35,19 +35,11 @@ impl RectangleBlocks {
     }
 }
 
-/// The corners of a triangle among those of a box, a bit each: bit 1 of a corner's number is that
-/// of the greater x, bit 2 that of the greater y. None if a corner of the triangle is elsewhere.
+/// The corners of a triangle among those of a box, a bit each.
 #[inline(always)]
 fn corners_of(triangle: &[[i32; 2]; 3], least: [i32; 2], greatest: [i32; 2]) -> Option<u32> {
-    let mut corners = 0;
-    for &[x, y] in triangle {
-        let is_corner = (x == least[0] || x == greatest[0]) && (y == least[1] || y == greatest[1]);
-        if !is_corner {
-            return None;
-        }
-        corners |= 1 << (u32::from(x == greatest[0]) + 2 * u32::from(y == greatest[1]));
-    }
-    Some(corners)
+    let [a, b, c] = corners_in(triangle, least, greatest)?;
+    Some(1 << a | 1 << b | 1 << c)
 }
 
 /// Two triangles that make up an upright rectangle.

@@ -8,7 +8,7 @@ use spirv_jit::interp::modulate::Sampling;
 
 use super::clear::clear_tile;
 use super::coarse::{Gather, Of};
-use super::coverage::{Block, Covered, SmallBlocks, Square, convex, listed, small_shape};
+use super::coverage::{Block, Covered, SmallBlocks, Square, convex, in_tile, listed, small_shape};
 use super::direct;
 use super::filling::WaveFragments;
 use super::modulate::{self, Sampled};
@@ -21,6 +21,7 @@ use super::samples::{Counts, Location, MAX_SAMPLES, any, count, masks_of};
 use super::shading::{finish, start, test_blocks, test_small};
 use super::shares::Shares;
 use super::small_rectangle::cover_rectangle;
+use super::upright::cover_upright;
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape, triangle_edges};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
 use crate::wave::Stopped;
@@ -434,6 +435,10 @@ impl<'a> Visit<'a> {
                     locations.len() as u32,
                     &mut covered.blocks,
                 );
+            }
+            Coverage::Upright { least, greatest } if locations.len() == 1 => {
+                let pixels = Bounds::of_centers(least, greatest).intersection(*clip);
+                cover_upright(&in_tile(&pixels, &self.bounds), covered);
             }
             _ => {
                 let (edges, count) = shape.edges(chunk);

@@ -5,9 +5,12 @@ use lanes::Tier;
 use super::support::{Random, edges};
 use crate::raster::Chunk;
 use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
-use crate::raster::tile::coverage::{Block, Covered, SmallBlock, convex, listed, small_shape};
+use crate::raster::tile::coverage::{
+    Block, Covered, SmallBlock, convex, in_tile, listed, small_shape,
+};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
 use crate::raster::tile::samples::{Location, fixed_point, masks_of, standard};
+use crate::raster::tile::upright::cover_upright;
 
 /// Samples of the pixels of a tile.
 type Samples = Vec<[bool; 8]>;
@@ -104,7 +107,7 @@ fn triangles_of_all_sizes_cover_what_their_edges_say() {
 }
 
 #[test]
-fn small_uprights_cover_what_their_edges_say() {
+fn uprights_cover_what_their_edges_say() {
     let mut random = Random::with_seed(0x5eed_0f90);
     let tile = tile(1, 2);
     let mut are_small = 0;
@@ -113,7 +116,8 @@ fn small_uprights_cover_what_their_edges_say() {
         let whole = [1, 128, 256][random.usize(0..3)];
         let mut side = |first: i32| {
             let least = first * 256 + random.i32(-20 * 256..64 * 256) / whole * whole;
-            (least, least + random.i32(whole..6000) / whole * whole)
+            let most = [6000, 40_000][random.usize(0..2)];
+            (least, least + random.i32(whole..most) / whole * whole)
         };
         let ((left, right), (top, bottom)) = (side(tile.left), side(tile.top));
         let clip = tile.intersection(Bounds {
@@ -133,6 +137,13 @@ fn small_uprights_cover_what_their_edges_say() {
             },
             bounds: clip,
         };
+        let (edges, count) = shape.edges(&Chunk::default());
+        let wanted = expected(&edges[..count], &tile, &clip, standard(1));
+        let pixels = Bounds::of_centers([left, top], [right, bottom]).intersection(clip);
+        let mut covered = Covered::default();
+        cover_upright(&in_tile(&pixels, &tile), &mut covered);
+        covered.split(1);
+        assert!(found(&covered.blocks, 1) == wanted, "{shape:?}");
         let Some(blocks) = small_shape(Tier::Portable, &shape.coverage, &tile, &clip) else {
             continue;
         };
@@ -144,8 +155,6 @@ fn small_uprights_cover_what_their_edges_say() {
             Block { x, y, masks }
         };
         let blocks: Vec<Block> = blocks.covered().iter().map(block).collect();
-        let (edges, count) = shape.edges(&Chunk::default());
-        let wanted = expected(&edges[..count], &tile, &clip, standard(1));
         assert!(found(&blocks, 1) == wanted, "{shape:?}");
     }
     assert!(are_small > 300, "{are_small}");
