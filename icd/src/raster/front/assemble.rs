@@ -8,6 +8,7 @@ use spirv_jit::Program;
 use super::chunk::{ChunkWorker, Round};
 use super::fetch::{Common, Vertex};
 use super::indices::Indices;
+use super::kept::{KEPT_PRIMITIVES, Source};
 use super::split::PrimitiveRange;
 use super::topology::{self, Assembled};
 use crate::command::graphics::DrawCall;
@@ -15,8 +16,7 @@ use crate::raster::Draw;
 
 /// The vertices and primitives that a span of a draw was listed as.
 struct Listed {
-    /// The place of its first index or vertex, what is added to indices, and its primitives.
-    source: (u64, i32, Range<u32>),
+    source: Source,
     /// Of the worker's vertices and primitives.
     vertices: Range<usize>,
     primitives: Range<usize>,
@@ -58,7 +58,7 @@ impl ChunkWorker {
         let taken = points.or(geometry.map(|facts| facts.vertices as usize));
         let mut before: Option<(u32, u32, u32)> = None;
         let mut latest: Option<Listed> = None;
-        for span in spans {
+        for (number, span) in spans.iter().enumerate() {
             let call = &draw.calls[span.call as usize];
             let place = (span.call, span.instance, span.view);
             let is_new = before.replace(place) != Some(place);
@@ -100,10 +100,27 @@ impl ChunkWorker {
                 base: self.vertices.len() as u32,
                 common,
             };
-            self.list_run(&segment);
-            match taken {
-                Some(taken) => self.list_inputs(&segment, span, points, taken),
-                None => self.list_primitives(&segment, span),
+            // A later span of the instance would look for its vertices.
+            let is_alone = is_new
+                && spans
+                    .get(number + 1)
+                    .is_none_or(|it| place != (it.call, it.instance, it.view));
+            let repeats = call.instances > 1 || round.targets.view_mask.count_ones() > 1;
+            let keeps = repeats
+                && is_alone
+                && taken.is_none()
+                && indices.is_some()
+                && span.of_segment <= KEPT_PRIMITIVES;
+            let of = (round.batch, span.draw);
+            if !keeps || !self.list_kept(of, &source, &segment, span.first_id) {
+                self.list_run(&segment);
+                match taken {
+                    Some(taken) => self.list_inputs(&segment, span, points, taken),
+                    None => self.list_primitives(&segment, span),
+                }
+                if keeps {
+                    self.keep(of, source.clone(), first);
+                }
             }
             if is_new && self.corners.is_empty() {
                 latest = Some(Listed {
@@ -207,6 +224,47 @@ impl ChunkWorker {
             vertices: vertices..self.vertices.len(),
             primitives: primitives..self.primitives.len(),
         }
+    }
+
+    /// Lists the vertices and primitives of a span that is kept; else gives false.
+    fn list_kept(
+        &mut self,
+        of: (u64, u32),
+        source: &Source,
+        segment: &SegmentSource<'_>,
+        first_id: u32,
+    ) -> bool {
+        let Some(kept) = self.kept.find(of, source) else {
+            return false;
+        };
+        let &SegmentSource { base, common, .. } = segment;
+        let vertex = |&index: &u32| Vertex { index, common };
+        self.vertices.extend(kept.indices.iter().map(vertex));
+        let provoking = topology::provoking(segment.topology, segment.provoking_last);
+        let primitive = |(&[a, b, c], primitive_id): (&[u32; 3], u32)| Assembled {
+            vertices: [base + a, base + b, base + c],
+            primitive_id,
+            common,
+            provoking,
+            stream: 0,
+        };
+        let primitives = kept.primitives.iter().zip(first_id..);
+        self.primitives.extend(primitives.map(primitive));
+        true
+    }
+
+    /// Keeps a span whose vertices and primitives were listed, from the first ones on.
+    fn keep(&mut self, of: (u64, u32), source: Source, [vertex, primitive]: [usize; 2]) {
+        let kept = self.kept.replace(of, source);
+        let indices = self.vertices[vertex..].iter().map(|it| it.index);
+        kept.indices.extend(indices);
+        let base = vertex as u32;
+        let from_first = |it: &Assembled| {
+            let [a, b, c] = it.vertices;
+            [a - base, b - base, c - base]
+        };
+        let primitives = self.primitives[primitive..].iter();
+        kept.primitives.extend(primitives.map(from_first));
     }
 
     /// The number of a segment's vertex among the worker's vertices.

@@ -12,6 +12,7 @@ use super::bins;
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::geometry::{Geometry, GeometryInput, emitted_topology};
+use super::kept::KeptSpans;
 use super::mesh::{self, Mesh, MeshOutput, Part, Tasks};
 use super::outputs::{DrawOutputs, OutputPlaces};
 use super::patches::{
@@ -38,6 +39,7 @@ pub struct ChunkWorker {
     pub(super) vertices: Vec<Vertex>,
     pub(super) commons: Vec<Common>,
     pub(super) primitives: Vec<Assembled>,
+    pub(super) kept: KeptSpans,
     /// Of a draw with a geometry or control shader: the vertices of each input primitive, as many
     /// as it takes, the words of all vertices, and its input.
     pub(super) corners: Vec<u32>,
@@ -96,6 +98,8 @@ fn project_all<'a>(facts: &'a Facts, places: &'a OutputPlaces) -> Option<Project
 /// The state that all jobs of a round share.
 #[derive(Clone, Copy)]
 pub struct Round<'a> {
+    /// Number of the batch, different from those of all others.
+    pub batch: u64,
     pub work: &'a [Work],
     pub targets: &'a Targets,
     pub reach: &'a Reach,

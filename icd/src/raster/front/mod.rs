@@ -28,6 +28,7 @@ mod facts;
 mod fetch;
 mod geometry;
 mod indices;
+mod kept;
 mod line;
 mod mesh;
 mod outputs;
@@ -50,6 +51,7 @@ mod vertices;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 
@@ -103,8 +105,13 @@ enum Expanded {
     Tasks(Tasks),
 }
 
+/// Batches so far, of all devices.
+static BATCHES: AtomicU64 = AtomicU64::new(0);
+
 /// How far the front end has come in a batch.
 pub struct Rounds {
+    /// The batch's number.
+    batch: u64,
     cursor: Cursor,
     /// Work of control and task shaders that have run, and jobs that come after them.
     waiting: VecDeque<QueuedWork>,
@@ -117,6 +124,7 @@ impl Rounds {
     /// At the start of a batch that `threads` workers share.
     pub fn new(targets: &Targets, threads: usize) -> Self {
         Self {
+            batch: BATCHES.fetch_add(1, Ordering::Relaxed),
             cursor: Cursor::default(),
             waiting: VecDeque::new(),
             grid: Grid::of(&targets.area),
@@ -166,6 +174,7 @@ impl FrontEnd {
             limits: context.limits,
         };
         let round = Round {
+            batch: rounds.batch,
             work,
             targets,
             reach: context.reach,

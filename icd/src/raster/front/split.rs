@@ -184,7 +184,11 @@ impl Splitter<'_> {
                 Some(_) => longest.min(mesh::share(call.count.into())),
                 None => longest,
             };
-            let taken = fitting(job, count - cursor.primitive, longest, *cost);
+            let rest = count - cursor.primitive;
+            let taken = match call.instances > 1 || views > 1 {
+                true => fitting_of_instance(job, rest, count, longest, *cost),
+                false => fitting(job, rest, longest, *cost),
+            };
             if taken == 0 {
                 return Ok(false);
             }
@@ -252,17 +256,44 @@ impl Splitter<'_> {
     }
 }
 
-/// How many of `rest` primitives fit in a job, whose spans cost `cost` so far.
+/// Primitives of a span that a job has room for, whose spans cost `cost` so far.
+fn room(job: &Job, cost: u32) -> u32 {
+    let cost = if job.spans.is_empty() {
+        0
+    } else {
+        cost + SPAN_COST
+    };
+    (CHUNK_PRIMITIVES as u32).saturating_sub(cost)
+}
+
+/// How many of `rest` primitives fit in a job.
 fn fitting(job: &Job, rest: u32, longest: u32, cost: u32) -> u32 {
     if longest <= CHUNK_PRIMITIVES as u32 {
-        let budget = (CHUNK_PRIMITIVES as u32).saturating_sub(cost + SPAN_COST);
-        return rest.min(budget).min(longest.saturating_sub(job.primitives));
+        let room = room(job, cost);
+        return rest.min(room).min(longest.saturating_sub(job.primitives));
     }
     // A strip that stays whole has a job of its own.
     match job.spans.is_empty() {
         true => rest.min(longest),
         false => 0,
     }
+}
+
+/// How many of the `rest` primitives of an instance, of `all`, fit in a job. All instances are cut
+/// at the same places, into parts of one size, if that leaves no job half empty: then they are
+/// assembled once.
+fn fitting_of_instance(job: &Job, rest: u32, all: u32, longest: u32, cost: u32) -> u32 {
+    let most = CHUNK_PRIMITIVES as u32;
+    if longest != most {
+        return fitting(job, rest, longest, cost);
+    }
+    let part = all.div_ceil(all.div_ceil(most));
+    let before = (all - rest) % part;
+    let wanted = rest.min(part - before);
+    if before == 0 && wanted > room(job, cost) && cost >= most / 2 {
+        return 0;
+    }
+    fitting(job, wanted, longest, cost)
 }
 
 /// Complete primitives of a segment of that many vertices.
