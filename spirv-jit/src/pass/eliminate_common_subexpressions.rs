@@ -258,10 +258,9 @@ impl Eliminator<'_> {
                 ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => {
                     Some(0)
                 }
-                // With an implicit level of detail the result depends on neighbors.
-                ImageOpKind::Sample | ImageOpKind::Gather(_)
-                    if matches!(image.lod, LodMode::Implicit | LodMode::Bias) =>
-                {
+                // With an implicit level of detail the result depends on neighbors. Gathers take the
+                // base level.
+                ImageOpKind::Sample if matches!(image.lod, LodMode::Implicit | LodMode::Bias) => {
                     None
                 }
                 ImageOpKind::Sample | ImageOpKind::Gather(_) | ImageOpKind::Fetch => {
