@@ -9,8 +9,9 @@
 use std::mem::MaybeUninit;
 
 use lanes::vector::{QUADS, Task, Vector};
-use lanes::{LANES, Row, map};
+use lanes::{LANES, Row, Tier, map};
 
+use super::ImageDescriptor;
 use super::decode::{Decoder, Field, expand};
 use super::format::{FormatInfo, Numeric};
 use super::rows::Wave;
@@ -100,7 +101,7 @@ impl Texels {
 pub(super) enum Source {
     Constant(u32),
     /// A word as it is.
-    Word(usize),
+    Word(u8),
     Fixed(Field),
     Half(Field),
     /// A byte of sRGB.
@@ -110,40 +111,37 @@ pub(super) enum Source {
 impl Source {
     /// That of a component of a view: its swizzle's. The format is not one that is decoded lane by
     /// lane.
-    pub fn of_view(info: &FormatInfo, from: u8) -> Source {
-        Source::of_swizzle(info, from, Field::of_value)
+    #[inline]
+    pub fn of_view(info: &FormatInfo, decoder: Decoder, from: u8) -> Source {
+        Source::of_swizzle(info, decoder, from, true)
     }
 
     /// The same in units (see [`block`](super::format::block)) where formats have some.
-    pub fn units_of_view(info: &FormatInfo, from: u8) -> Source {
-        match info.numeric {
-            Numeric::Srgb => Source::of_view(info, from),
-            _ => Source::of_swizzle(info, from, Field::of),
-        }
+    pub fn units_of_view(info: &FormatInfo, decoder: Decoder, from: u8) -> Source {
+        Source::of_swizzle(info, decoder, from, info.numeric == Numeric::Srgb)
     }
 
-    fn of_swizzle(info: &FormatInfo, from: u8, field: fn(&FormatInfo, usize) -> Field) -> Source {
-        match from {
-            0..=3 => Source::of(info, from as usize, field),
-            4 => Source::Constant(0),
-            _ => Source::Constant(info.missing(3)),
-        }
-    }
-
-    fn of(info: &FormatInfo, component: usize, field: fn(&FormatInfo, usize) -> Field) -> Source {
+    fn of_swizzle(info: &FormatInfo, decoder: Decoder, from: u8, is_value: bool) -> Source {
+        let component = match from {
+            0..=3 => usize::from(from),
+            4 => return Source::Constant(0),
+            _ => return Source::Constant(info.missing(3)),
+        };
         let channel = info.channels[component];
         if channel.bits == 0 {
             return Source::Constant(info.missing(component));
         }
-        match Decoder::of(info) {
-            Decoder::Words if channel.bits == 32 => Source::Word(channel.offset as usize / 32),
-            Decoder::Halves => Source::Half(field(info, component)),
-            Decoder::Srgb if component != 3 => Source::Srgb(field(info, component)),
-            Decoder::Fields | Decoder::Words | Decoder::Srgb => {
-                Source::Fixed(field(info, component))
-            }
-            // Expanded to a word a component.
-            _ => Source::Word(component),
+        if decoder == Decoder::Words && channel.bits == 32 {
+            return Source::Word(channel.offset / 32);
+        }
+        if decoder.is_expanded() || decoder == Decoder::Each {
+            return Source::Word(component as u8);
+        }
+        let field = Field::of(info, component, is_value);
+        match decoder {
+            Decoder::Halves => Source::Half(field),
+            Decoder::Srgb if component != 3 => Source::Srgb(field),
+            _ => Source::Fixed(field),
         }
     }
 
@@ -151,9 +149,9 @@ impl Source {
     pub fn word(&self) -> Option<usize> {
         match self {
             Source::Constant(_) => None,
-            Source::Word(word) => Some(word & 3),
+            Source::Word(word) => Some(usize::from(word & 3)),
             Source::Fixed(field) | Source::Half(field) | Source::Srgb(field) => {
-                Some(field.word & 3)
+                Some(usize::from(field.word & 3))
             }
         }
     }
@@ -163,37 +161,56 @@ impl Source {
 /// components to the rows of results. Lanes without a texel get zeros.
 ///
 /// # Safety
-/// A texel, or a block, is readable at each offset from the base; the wave has the chunk's
+/// A texel, or a block, is readable at each offset in the image; the wave has the chunk's
 /// subgroups, which are as many as have offsets and indices.
 #[inline(always)]
 pub(super) unsafe fn put<V: Vector>(
     v: V,
+    image: &ImageDescriptor,
     info: &FormatInfo,
-    base: *const u8,
-    swizzle: [u8; 4],
     wave: &Wave<'_>,
     texels: &mut Texels,
 ) {
     let count = wave.subgroups.len().min(SUBGROUPS);
-    let is_expanded = Decoder::of(info).is_expanded();
-    let sources = swizzle.map(|from| Source::of_view(info, from));
-    let mut wanted = 0;
-    for (source, result) in sources.iter().zip(&wave.results) {
-        if let (Some(word), false) = (source.word(), result.first.is_null()) {
+    let decoder = Decoder::of(info);
+    let is_expanded = decoder.is_expanded();
+    let mut sources = [Source::Constant(0); 4];
+    let (mut results, mut wanted) = (0, 0);
+    for (component, source) in sources.iter_mut().enumerate() {
+        if wave.results[component].first.is_null() {
+            continue;
+        }
+        results |= 1 << component;
+        *source = Source::of_view(info, decoder, image.swizzle[component]);
+        if let Some(word) = source.word() {
             wanted |= 1 << word;
         }
     }
+    let is_inside = texels.inside[..count]
+        .iter()
+        .all(|&inside| inside == u16::MAX);
+    let direct = match is_inside && decoder == Decoder::Words {
+        true => rows_of_words(&sources, results, wave),
+        false => None,
+    };
     // SAFETY: the caller keeps the contract of this function; words that are looked at were
     // fetched.
     unsafe {
         if wanted != 0 {
+            let words = match direct {
+                Some((rows, taken)) => {
+                    results &= !taken;
+                    rows
+                }
+                None => WordRows::of_chunk(texels.words.each_mut(), count),
+            };
             v.apart(Fetch {
-                base,
+                base: image.data.cast_const(),
+                readable: image.size_bytes,
                 size_bytes: info.size_bytes,
                 wanted: if is_expanded { 0xf } else { wanted },
-                count,
                 offsets: &texels.offsets,
-                words: texels.words.each_mut(),
+                words,
             });
         }
         if is_expanded && wanted != 0 {
@@ -204,26 +221,58 @@ pub(super) unsafe fn put<V: Vector>(
                 words: texels.words.each_mut(),
             });
         }
-        if wanted != 0
-            && texels.inside[..count]
-                .iter()
-                .any(|&inside| inside != u16::MAX)
-        {
+        if wanted != 0 && !is_inside {
             let words = if is_expanded { 0xf } else { wanted };
             texels.keep_inside(v, count, words);
         }
-        for (component, source) in sources.into_iter().enumerate() {
-            if wave.results[component].first.is_null() {
-                continue;
-            }
+        if results != 0 {
+            let words = sources.each_ref();
+            let words = words.map(|source| &texels.words[source.word().unwrap_or(0)]);
             v.apart(Decode {
-                source,
-                words: &texels.words[source.word().unwrap_or(0)],
+                sources: &sources,
+                words,
                 wave,
-                component,
+                wanted: results,
             });
         }
     }
+}
+
+/// Rows of results that take the words of texels as they are, and these results, a bit each: if
+/// there is one for each word at most, and none takes parts of words.
+#[inline(always)]
+fn rows_of_words<'a>(
+    sources: &[Source; 4],
+    results: u8,
+    wave: &Wave<'a>,
+) -> Option<(WordRows<'a>, u8)> {
+    let mut first = [std::ptr::null_mut::<Row>(); 4];
+    let (mut taken, mut step_bytes) = (0, 0);
+    for (component, source) in sources.iter().enumerate() {
+        if results >> component & 1 == 0 {
+            continue;
+        }
+        let rows = wave.results[component];
+        match source {
+            Source::Word(word) if first[usize::from(word & 3)].is_null() => {
+                if taken != 0 && rows.step_bytes != step_bytes {
+                    return None;
+                }
+                step_bytes = rows.step_bytes;
+                first[usize::from(word & 3)] = rows.first;
+                taken |= 1 << component;
+            }
+            Source::Constant(_) => {}
+            _ => return None,
+        }
+    }
+    let subgroups = &wave.subgroups[..wave.subgroups.len().min(SUBGROUPS)];
+    let rows = WordRows {
+        subgroups,
+        first,
+        step_bytes,
+    };
+    Some((rows, taken))
 }
 
 /// Texels that lie as those of pixels next to each other do: in a row, or in four quads as
@@ -293,15 +342,79 @@ impl<V: Vector> Pattern<V> {
     }
 }
 
+/// Where the words of a chunk's texels are put: rows by numbers of subgroups.
+pub(super) struct WordRows<'a> {
+    subgroups: &'a [u16],
+    /// The rows of each word of subgroup 0; null if the word is not put anywhere.
+    first: [*mut Row; 4],
+    /// From a subgroup's row to the next one's.
+    step_bytes: usize,
+}
+
+impl<'a> WordRows<'a> {
+    /// The numbers of rows of a chunk.
+    const ALL: [u16; SUBGROUPS] = {
+        let mut numbers = [0; SUBGROUPS];
+        let mut index = 0;
+        while index < SUBGROUPS {
+            numbers[index] = index as u16;
+            index += 1;
+        }
+        numbers
+    };
+
+    #[inline(always)]
+    pub fn of_chunk(words: [&'a mut ChunkRows; 4], count: usize) -> WordRows<'a> {
+        WordRows {
+            subgroups: &Self::ALL[..count],
+            first: words.map(|rows| rows.0.as_mut_ptr().cast()),
+            step_bytes: size_of::<Row>(),
+        }
+    }
+
+    /// Puts the words of a subgroup, the first ones of four.
+    ///
+    /// # Safety
+    /// There is such a subgroup, and it has a row of each word that is put somewhere.
+    #[inline(always)]
+    unsafe fn put<V: Vector, const WORDS: usize>(&self, v: V, index: usize, words: [V::I; WORDS]) {
+        // SAFETY: the caller guarantees that there is such a subgroup, and that it has such rows.
+        unsafe {
+            let subgroup = *self.subgroups.get_unchecked(index);
+            let behind = usize::from(subgroup) * self.step_bytes;
+            for (first, words) in self.first.iter().zip(words) {
+                if WORDS == 1 || !first.is_null() {
+                    v.store_i(words, &mut *first.byte_add(behind));
+                }
+            }
+        }
+    }
+
+    /// As [`Self::put`], of one word.
+    ///
+    /// # Safety
+    /// As there; the word is put somewhere.
+    #[inline(always)]
+    unsafe fn put_word<V: Vector>(&self, v: V, index: usize, word: usize, words: V::I) {
+        // SAFETY: the caller keeps the contract of this function.
+        unsafe {
+            let subgroup = *self.subgroups.get_unchecked(index);
+            let behind = usize::from(subgroup) * self.step_bytes;
+            v.store_i(words, &mut *self.first[word & 3].byte_add(behind));
+        }
+    }
+}
+
 /// Fetches the wanted words of texels.
 pub(super) struct Fetch<'a> {
     pub base: *const u8,
+    /// Bytes behind that.
+    pub readable: u64,
     pub size_bytes: u8,
     /// A bit a word.
     pub wanted: u8,
-    pub count: usize,
     pub offsets: &'a ChunkRows,
-    pub words: [&'a mut ChunkRows; 4],
+    pub words: WordRows<'a>,
 }
 
 impl Fetch<'_> {
@@ -311,24 +424,33 @@ impl Fetch<'_> {
     /// As [`put`].
     #[inline(always)]
     unsafe fn single<V: Vector, const SIZE: u32>(self, v: V) {
-        let (base, offsets) = (self.base, self.offsets);
-        let [words_of_all, ..] = self.words;
+        let (base, offsets, words_of_all) = (self.base, self.offsets, self.words);
+        let mut has_windows = V::HAS_WINDOWS;
         // SAFETY: the caller keeps the contract of `put`.
         unsafe {
             let pattern = Pattern::of(v, offsets.row(0), SIZE);
-            for index in 0..self.count {
+            for index in 0..words_of_all.subgroups.len() {
                 let places = offsets.row(index);
                 let words = match &pattern {
                     Some(pattern) if pattern.has(v, places) => {
                         pattern.load::<SIZE>(v, base.add(places[0] as usize))
                     }
-                    _ => match SIZE {
-                        1 => v.scalars_at::<u8>(base, places),
-                        2 => v.scalars_at::<u16>(base, places),
-                        _ => v.words_at(base, places),
-                    },
+                    _ => {
+                        let near = match has_windows {
+                            true => v.words_in_windows::<SIZE>(base, places, self.readable),
+                            false => None,
+                        };
+                        // Not tried again where it is in vain.
+                        has_windows &= near.is_some();
+                        match (near, SIZE) {
+                            (Some(words), _) => words,
+                            (None, 1) => v.scalars_at::<u8>(base, places),
+                            (None, 2) => v.scalars_at::<u16>(base, places),
+                            _ => v.words_at(base, places),
+                        }
+                    }
                 };
-                words_of_all.put(v, index, words);
+                words_of_all.put(v, index, [words]);
             }
         }
     }
@@ -339,7 +461,8 @@ impl<V: Vector> Task<V> for Fetch<'_> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) {
-        let (base, count, wanted) = (self.base, self.count, self.wanted);
+        let (base, wanted) = (self.base, self.wanted);
+        let count = self.words.subgroups.len();
         // SAFETY: the caller keeps the contract of `put`; each access lies inside the texel.
         unsafe {
             match self.size_bytes {
@@ -355,7 +478,7 @@ impl<V: Vector> Task<V> for Fetch<'_> {
                     let base = base.add(4 * word);
                     for index in 0..count {
                         let of_lanes = v.words_at(base, offsets.row(index));
-                        words[word].put(v, index, of_lanes);
+                        words.put_word(v, index, word, of_lanes);
                     }
                 }
                 8 => {
@@ -369,17 +492,12 @@ impl<V: Vector> Task<V> for Fetch<'_> {
                             }
                             _ => v.pairs_at(base, places),
                         };
-                        words[0].put(v, index, a);
-                        words[1].put(v, index, b);
+                        words.put(v, index, [a, b]);
                     }
                 }
                 16 => {
                     for index in 0..count {
-                        let [a, b, c, d] = v.quads_at(base, offsets.row(index));
-                        words[0].put(v, index, a);
-                        words[1].put(v, index, b);
-                        words[2].put(v, index, c);
-                        words[3].put(v, index, d);
+                        words.put(v, index, v.quads_at(base, offsets.row(index)));
                     }
                 }
                 3 => {
@@ -387,24 +505,22 @@ impl<V: Vector> Task<V> for Fetch<'_> {
                         let places = offsets.row(index);
                         let low = v.scalars_at::<u16>(base, places);
                         let high = v.scalars_at::<u8>(base.add(2), places);
-                        words[0].put(v, index, v.or_i(low, v.left_i(high, 16)));
+                        words.put(v, index, [v.or_i(low, v.left_i(high, 16))]);
                     }
                 }
                 6 => {
                     for index in 0..count {
                         let places = offsets.row(index);
-                        words[0].put(v, index, v.words_at(base, places));
+                        let low = v.words_at(base, places);
                         let high = v.scalars_at::<u16>(base.add(4), places);
-                        words[1].put(v, index, high);
+                        words.put(v, index, [low, high]);
                     }
                 }
                 _ => {
                     for index in 0..count {
                         let places = offsets.row(index);
                         let (a, b) = v.pairs_at(base, places);
-                        words[0].put(v, index, a);
-                        words[1].put(v, index, b);
-                        words[2].put(v, index, v.words_at(base.add(8), places));
+                        words.put(v, index, [a, b, v.words_at(base.add(8), places)]);
                     }
                 }
             }
@@ -458,12 +574,14 @@ impl<V: Vector> Task<V> for Expand<'_> {
     }
 }
 
-/// Writes a component of a chunk's texels to the rows of a result.
+/// Writes components of a chunk's texels to the rows of results: of each wanted one its source, and
+/// the words of the texels that it is from.
 pub(super) struct Decode<'a, 'b> {
-    pub source: Source,
-    pub words: &'a ChunkRows,
+    pub sources: &'a [Source; 4],
+    pub words: [&'a ChunkRows; 4],
     pub wave: &'a Wave<'b>,
-    pub component: usize,
+    /// A bit for each component.
+    pub wanted: u8,
 }
 
 impl<V: Vector> Task<V> for Decode<'_, '_> {
@@ -471,63 +589,117 @@ impl<V: Vector> Task<V> for Decode<'_, '_> {
 
     #[inline(always)]
     unsafe fn run(self, v: V) {
-        let Decode {
-            source,
-            words,
-            wave,
-            component,
-        } = self;
+        let (sources, words, wanted) = (&{ *self.sources }, self.words, self.wanted);
+        let wave = &{ *self.wave };
         let count = wave.subgroups.len().min(SUBGROUPS);
-        // SAFETY: the caller guarantees that the words were fetched, and that the wave has such a
-        // row of each of its subgroups.
+        // SAFETY: the caller guarantees that the words were fetched, and that the wave has such
+        // rows of each of its subgroups.
         unsafe {
-            match source {
-                Source::Constant(word) => {
-                    let word = v.splat_i(word as i32);
-                    for index in 0..count {
-                        wave.put_component(v, index, component, word);
-                    }
+            // Other tiers lack registers for the constants of four fields.
+            if V::TIER == Tier::Avx512
+                && wanted == 0xf
+                && let Some(fields) = unsigned_fields(sources)
+            {
+                for index in 0..count {
+                    let numbers = [
+                        fields[0].unsigned(v, words[0].get(v, index)),
+                        fields[1].unsigned(v, words[1].get(v, index)),
+                        fields[2].unsigned(v, words[2].get(v, index)),
+                        fields[3].unsigned(v, words[3].get(v, index)),
+                    ];
+                    wave.put_all(v, index, numbers);
                 }
-                Source::Word(_) => {
-                    for index in 0..count {
-                        wave.put_component(v, index, component, words.get(v, index));
-                    }
+                return;
+            }
+            for (component, (source, words)) in sources.iter().zip(words).enumerate() {
+                if wanted >> component & 1 == 1 {
+                    decode(v, source, words, wave, (component, count));
                 }
-                Source::Fixed(field) if field.is_integer => {
-                    for index in 0..count {
-                        let code = field.code(v, words.get(v, index));
-                        wave.put_component(v, index, component, code);
-                    }
+            }
+        }
+    }
+}
+
+/// The fields of four numbers, if all are codes without signs over their greatest values.
+#[inline(always)]
+fn unsigned_fields(sources: &[Source; 4]) -> Option<[&Field; 4]> {
+    match sources {
+        [
+            Source::Fixed(a),
+            Source::Fixed(b),
+            Source::Fixed(c),
+            Source::Fixed(d),
+        ] => {
+            let fields = [a, b, c, d];
+            fields
+                .iter()
+                .all(|field| field.is_unsigned())
+                .then_some(fields)
+        }
+        _ => None,
+    }
+}
+
+/// Writes a component of so many subgroups.
+///
+/// # Safety
+/// The words were fetched, and the wave has a row of the result for each of the subgroups.
+#[inline(always)]
+unsafe fn decode<V: Vector>(
+    v: V,
+    source: &Source,
+    words: &ChunkRows,
+    wave: &Wave<'_>,
+    (component, count): (usize, usize),
+) {
+    // SAFETY: the caller keeps the contract of this function.
+    unsafe {
+        match *source {
+            Source::Constant(word) => {
+                let word = v.splat_i(word as i32);
+                for index in 0..count {
+                    wave.put_component(v, index, component, word);
                 }
-                Source::Fixed(field) if field.is_unsigned() => {
-                    for index in 0..count {
-                        let number = field.unsigned(v, words.get(v, index));
-                        wave.put_component(v, index, component, v.bits_of(number));
-                    }
+            }
+            Source::Word(_) => {
+                for index in 0..count {
+                    wave.put_component(v, index, component, words.get(v, index));
                 }
-                Source::Fixed(field) => {
-                    for index in 0..count {
-                        let number = field.fixed(v, words.get(v, index));
-                        wave.put_component(v, index, component, v.bits_of(number));
-                    }
+            }
+            Source::Fixed(field) if field.is_integer => {
+                for index in 0..count {
+                    let code = field.code(v, words.get(v, index));
+                    wave.put_component(v, index, component, code);
                 }
-                Source::Half(field) => {
-                    for index in 0..count {
-                        let number = field.half(v, words.get(v, index), true);
-                        wave.put_component(v, index, component, v.bits_of(number));
-                    }
+            }
+            Source::Fixed(field) if field.is_unsigned() => {
+                for index in 0..count {
+                    let number = field.unsigned(v, words.get(v, index));
+                    wave.put_component(v, index, component, v.bits_of(number));
                 }
-                Source::Srgb(field) => {
-                    let mut offsets = ChunkRows::new();
-                    for index in 0..count {
-                        let code = field.code(v, words.get(v, index));
-                        offsets.put(v, index, v.left_i(code, 2));
-                    }
-                    let table = srgb::LINEAR.words().as_ptr().cast();
-                    for index in 0..count {
-                        let linear = v.words_at(table, offsets.row(index));
-                        wave.put_component(v, index, component, linear);
-                    }
+            }
+            Source::Fixed(field) => {
+                for index in 0..count {
+                    let number = field.fixed(v, words.get(v, index));
+                    wave.put_component(v, index, component, v.bits_of(number));
+                }
+            }
+            Source::Half(field) => {
+                for index in 0..count {
+                    let number = field.half(v, words.get(v, index), true);
+                    wave.put_component(v, index, component, v.bits_of(number));
+                }
+            }
+            Source::Srgb(field) => {
+                let mut offsets = ChunkRows::new();
+                for index in 0..count {
+                    let code = field.code(v, words.get(v, index));
+                    offsets.put(v, index, v.left_i(code, 2));
+                }
+                let table = srgb::LINEAR.words().as_ptr().cast();
+                for index in 0..count {
+                    let linear = v.words_at(table, offsets.row(index));
+                    wave.put_component(v, index, component, linear);
                 }
             }
         }

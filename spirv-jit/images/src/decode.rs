@@ -136,71 +136,64 @@ impl Divisors {
     }
 }
 
-/// How a component is read from the word that it stands in.
+/// How a component is read from the word that it stands in. Small: it is found anew for each chunk.
 #[derive(Clone, Copy)]
 pub(super) struct Field {
     /// The number of the word.
-    pub word: usize,
-    /// To the top of the word, and down again.
-    up: u32,
-    down: u32,
+    pub word: u8,
+    shift: u8,
+    bits: u8,
+    /// The bits of the greatest code by which codes are divided; 0 if they are not.
+    divided: u8,
     is_signed: bool,
     pub is_integer: bool,
-    /// Of floats: from the field's to 16 bits.
-    to_half: u32,
-    divisor: Divisor,
-    least: f32,
 }
 
 impl Field {
-    /// As [`Self::of`], to a value.
-    pub(super) fn of_value(info: &FormatInfo, component: usize) -> Field {
-        let mut field = Field::of(info, component);
-        if matches!(info.numeric, Numeric::Unorm | Numeric::Srgb) {
-            field.divisor = CODES[usize::from(info.channels[component].bits) % CODES.len()];
-        }
-        field
-    }
-
-    /// Of a component that the format has, of up to 24 bits, to units (see [`block`]).
-    pub(super) fn of(info: &FormatInfo, component: usize) -> Field {
+    /// Of a component that the format has, of up to 24 bits: to its value, or to units (see
+    /// [`block`]).
+    pub(super) fn of(info: &FormatInfo, component: usize, is_value: bool) -> Field {
         let channel = info.channels[component];
-        let (offset, bits) = (channel.offset as u32, channel.bits as u32);
-        let is_snorm = info.numeric == Numeric::Snorm;
-        let divided = match info.numeric {
-            Numeric::Unorm if block::unit_scale(info) == 1.0 => bits,
-            Numeric::Snorm => bits - 1,
-            _ => 0,
-        };
         Field {
-            word: offset as usize / 32,
-            up: 32u32.wrapping_sub(offset % 32 + bits) & 31,
-            down: 32u32.wrapping_sub(bits) & 31,
+            word: channel.offset / 32,
+            shift: channel.offset % 32,
+            bits: channel.bits,
+            divided: match info.numeric {
+                Numeric::Unorm if is_value || block::unit_scale(info) == 1.0 => channel.bits,
+                Numeric::Srgb if is_value => channel.bits,
+                Numeric::Snorm => channel.bits - 1,
+                _ => 0,
+            },
             is_signed: matches!(
                 info.numeric,
                 Numeric::Snorm | Numeric::Sscaled | Numeric::Sint
             ),
             is_integer: info.numeric.is_integer(),
-            to_half: 15u32.saturating_sub(bits),
-            divisor: CODES[divided as usize % CODES.len()],
-            least: if is_snorm { -1.0 } else { f32::MIN },
         }
     }
 
     /// The code, with zeros or with signs.
     #[inline(always)]
     pub(super) fn code<V: Vector>(&self, v: V, word: V::I) -> V::I {
-        let up = v.left_i(word, self.up);
+        let (shift, down) = (u32::from(self.shift), 32 - u32::from(self.bits));
         match self.is_signed {
-            true => v.right_i(up, self.down),
-            false => v.right_u(up, self.down),
+            true => v.right_i(v.left_i(word, down.wrapping_sub(shift) & 31), down & 31),
+            false => v.and_i(
+                v.right_u(word, shift),
+                v.splat_i((u32::MAX >> (down & 31)) as i32),
+            ),
         }
+    }
+
+    #[inline(always)]
+    fn quotient<V: Vector>(&self, v: V, code: V::F) -> V::F {
+        CODES[usize::from(self.divided) % CODES.len()].quotient(v, code)
     }
 
     /// Whether the number of [`Self::fixed`] is the code, which has no sign.
     #[inline(always)]
     pub(super) fn is_code(&self) -> bool {
-        !self.is_integer && !self.is_signed && self.divisor.divisor == 1.0
+        !self.is_integer && !self.is_signed && self.divided <= 1
     }
 
     /// Whether [`Self::unsigned`] serves.
@@ -212,7 +205,7 @@ impl Field {
     /// As [`Self::fixed`], of a code without a sign over its greatest value.
     #[inline(always)]
     pub(super) fn unsigned<V: Vector>(&self, v: V, word: V::I) -> V::F {
-        self.divisor.quotient(v, v.to_f(self.code(v, word)))
+        self.quotient(v, v.to_f(self.code(v, word)))
     }
 
     /// For [`Decoder::Fields`].
@@ -222,14 +215,16 @@ impl Field {
         if self.is_integer {
             return v.bits_to_f(code);
         }
-        let number = self.divisor.quotient(v, v.to_f(code));
-        v.max(number, v.splat(self.least))
+        let number = self.quotient(v, v.to_f(code));
+        // The least code of SNORM is -1, too.
+        let is_snorm = self.is_signed && self.divided != 0;
+        v.max(number, v.splat(if is_snorm { -1.0 } else { f32::MIN }))
     }
 
     /// For [`Decoder::Halves`]; signalling NaNs stay so if numbers are taken as they are.
     #[inline(always)]
     pub(super) fn half<V: Vector>(&self, v: V, word: V::I, as_it_is: bool) -> V::F {
-        let half = v.left_i(self.code(v, word), self.to_half);
+        let half = v.left_i(self.code(v, word), 15u32.saturating_sub(self.bits.into()));
         match as_it_is {
             true => v.half_to_f(half),
             false => v.quiet_half_to_f(half),

@@ -81,11 +81,10 @@ pub(super) unsafe fn load<V: Vector>(v: V, plain: &Plain<'_>, wave: &Wave<'_>) -
         }
         if count != 0 {
             let subgroups = &placed[..count];
-            let data = image.data.cast_const();
             // SAFETY: as for this function; the texels of these subgroups were placed.
             unsafe {
                 let wave = Wave { subgroups, ..*wave };
-                chunk::put(v, info, data, image.swizzle, &wave, &mut texels);
+                chunk::put(v, image, info, &wave, &mut texels);
             }
         }
     }

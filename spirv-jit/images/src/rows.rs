@@ -161,6 +161,22 @@ impl Wave<'_> {
         }
     }
 
+    /// Writes a subgroup's results, all of which are wanted.
+    ///
+    /// # Safety
+    /// As [`Self::mask`].
+    #[inline(always)]
+    pub(super) unsafe fn put_all<V: Vector>(&self, v: V, index: usize, values: [V::F; 4]) {
+        // SAFETY: the caller passes an index that exists; each subgroup has its rows ([`Wave`]).
+        unsafe {
+            let subgroup = *self.subgroups.get_unchecked(index);
+            v.store(values[0], &mut *self.results[0].of(subgroup));
+            v.store(values[1], &mut *self.results[1].of(subgroup));
+            v.store(values[2], &mut *self.results[2].of(subgroup));
+            v.store(values[3], &mut *self.results[3].of(subgroup));
+        }
+    }
+
     /// As [`Self::put`], of numbers.
     ///
     /// # Safety

@@ -18,9 +18,9 @@ pub mod vector;
 
 pub use mask::LaneMask;
 pub use prefetch::{prefetch, prefetch_line, prefetch_lines};
-pub use tier::{Tier, has_bit_counts, has_half_arithmetic};
 #[cfg(target_arch = "x86_64")]
-pub use tier::{gathers_slowly, has_byte_permutes};
+pub use tier::has_byte_permutes;
+pub use tier::{Tier, has_bit_counts, has_half_arithmetic};
 
 /// Lanes that there are.
 pub const LANES: usize = LaneMask::LANES;

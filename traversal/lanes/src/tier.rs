@@ -51,19 +51,6 @@ pub fn has_bit_counts() -> bool {
     false
 }
 
-/// Whether AVX-512's gathers take longer than loads one by one: they do on AMD's processors, and
-/// not on Intel's. The results are the same.
-#[cfg(target_arch = "x86_64")]
-#[inline]
-pub fn gathers_slowly() -> bool {
-    static SLOWLY: OnceLock<bool> = OnceLock::new();
-    *SLOWLY.get_or_init(|| {
-        let vendor = std::arch::x86_64::__cpuid(0);
-        let name = [vendor.ebx, vendor.edx, vendor.ecx].map(u32::to_le_bytes);
-        name.as_flattened() == b"AuthenticAMD"
-    })
-}
-
 impl Tier {
     /// All tiers, the best last.
     pub const ALL: [Tier; 3] = [Tier::Portable, Tier::Avx2, Tier::Avx512];

@@ -90,7 +90,8 @@ impl Fast<'_> {
                 let fraction = v.sub(coordinate, v.floor(coordinate));
                 // From 0 to `size`, to which a fraction just below 1 is rounded; or of no number.
                 let i = v.max_i(v.to_i(v.mul(fraction, size_f)), v.splat_i(0));
-                v.sub_i(i, v.and_i(size, v.sign_i(v.sub_i(last, i))))
+                // Wraps where the index is less than the size.
+                v.min_u(i, v.sub_i(i, size))
             }
             AddressMode::ClampToEdge
                 if offset.is_none() && !self.sampler.unnormalized_coordinates =>

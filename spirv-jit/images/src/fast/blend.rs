@@ -43,8 +43,8 @@ impl Fast<'_> {
     #[inline(always)]
     pub(super) fn source(&self, component: usize) -> Source {
         match self.op.depth_compare && !self.has_border {
-            true => Source::of_view(self.info, 0),
-            false => Source::units_of_view(self.info, component as u8),
+            true => Source::of_view(self.info, self.decoder, 0),
+            false => Source::units_of_view(self.info, self.decoder, component as u8),
         }
     }
 
@@ -509,11 +509,12 @@ impl<V: Vector, const IS_SRGB: bool> Task<V> for BlendBytes<'_, '_, IS_SRGB> {
     unsafe fn run(self, v: V) {
         let (fast, wave, taps) = (&{ *self.fast }, &{ *self.wave }, self.taps);
         let mut out = self.out;
+        let mut has_windows = true;
         for index in 0..wave.subgroups.len() {
             // SAFETY: the caller guarantees that texels were placed, and that the wave has the rows
             // of the results.
             unsafe {
-                let words = taps.four_words(v, fast, index);
+                let words = taps.four_words(v, fast, index, &mut has_windows);
                 let x = v.bits_to_f(taps.weights[0].get(v, index));
                 let y = v.bits_to_f(taps.weights[1].get(v, index));
                 let blended = match IS_SRGB {

@@ -524,7 +524,24 @@ impl<V: Vector> Task<V> for FetchPairs<'_, '_> {
                     },
                     v.scalars_at::<u16>(base, places)
                 ),
-                4 => each!(|places| v.pairs_at(base, places), v.words_at(base, places)),
+                4 => {
+                    let readable = fast.image.size_bytes;
+                    let mut has_windows = V::HAS_WINDOWS;
+                    each!(
+                        |places| {
+                            let near = match has_windows {
+                                true => v.pairs_in_windows(base, places, readable),
+                                false => None,
+                            };
+                            has_windows &= near.is_some();
+                            match near {
+                                Some(pairs) => pairs,
+                                None => v.pairs_at(base, places),
+                            }
+                        },
+                        v.words_at(base, places)
+                    );
+                }
                 size => each!(
                     |places| {
                         let left = v.words_at(base, places);
@@ -592,12 +609,28 @@ impl Taps {
     /// # Safety
     /// As [`Fast::sample`]; the texels were placed.
     #[inline(always)]
-    pub unsafe fn four_words<V: Vector>(&self, v: V, fast: &Fast<'_>, index: usize) -> [V::I; 4] {
+    pub unsafe fn four_words<V: Vector>(
+        &self,
+        v: V,
+        fast: &Fast<'_>,
+        index: usize,
+        has_windows: &mut bool,
+    ) -> [V::I; 4] {
         let data = fast.image.data.cast_const();
         let in_pairs = self.in_pairs(fast) >> (index % SUBGROUPS) & 1;
+        let readable = fast.image.size_bytes;
         // SAFETY: the caller keeps the contract of this function.
         unsafe {
             if in_pairs == 1 {
+                if V::HAS_WINDOWS && *has_windows {
+                    let upper = v.pairs_in_windows(data, self.offsets[0].row(index), readable);
+                    let lower = v.pairs_in_windows(data, self.offsets[2].row(index), readable);
+                    if let (Some((a, b)), Some((c, d))) = (upper, lower) {
+                        return [a, b, c, d];
+                    }
+                    // Not tried again where it is in vain.
+                    *has_windows = false;
+                }
                 let (a, b) = v.pairs_at(data, self.offsets[0].row(index));
                 let (c, d) = v.pairs_at(data, self.offsets[2].row(index));
                 return [a, b, c, d];

@@ -108,10 +108,10 @@ impl Fast<'_> {
                     continue;
                 }
                 v.apart(Decode {
-                    source: Source::of_view(self.info, from),
-                    words: &taps.words[0][0],
+                    sources: &[Source::of_view(self.info, self.decoder, from); 4],
+                    words: [&taps.words[0][0]; 4],
                     wave,
-                    component: result,
+                    wanted: 1 << result,
                 });
             }
         }
@@ -274,7 +274,7 @@ impl Fast<'_> {
             self.op.depth_compare || is_read && (self.has_border || self.decoder == Decoder::Each);
         let source = match is_taken {
             true => self.source(component),
-            false => Source::of_view(self.info, from),
+            false => Source::of_view(self.info, self.decoder, from),
         };
         let mut taps = Taps::new();
         // SAFETY: the caller keeps the contract of this function; texels of both axes are placed
@@ -285,18 +285,14 @@ impl Fast<'_> {
                 self.fetch_taps(v, wave, 1 << word, &mut taps);
             }
             let words = &taps.words[source.word().unwrap_or(0)];
+            let mut wanted = 0;
             for (result, tap) in GATHERED.into_iter().enumerate() {
                 if wave.results[result].first.is_null() {
                     continue;
                 }
                 let words = &words[tap];
                 if !is_taken {
-                    v.apart(Decode {
-                        source,
-                        words,
-                        wave,
-                        component: result,
-                    });
+                    wanted |= 1 << result;
                     continue;
                 }
                 let mut inside = [u16::MAX; SUBGROUPS];
@@ -311,6 +307,14 @@ impl Fast<'_> {
                     words,
                     inside,
                     to: To::Result(result),
+                });
+            }
+            if wanted != 0 {
+                v.apart(Decode {
+                    sources: &[source; 4],
+                    words: GATHERED.map(|tap| &words[tap]),
+                    wave,
+                    wanted,
                 });
             }
             if taps.corners != 0 {

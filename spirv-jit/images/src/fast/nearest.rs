@@ -27,7 +27,17 @@ impl Fast<'_> {
         // SAFETY: the caller keeps the contract of this function; texels of all axes are placed
         // inside the level.
         unsafe {
-            for axis in 0..self.spatial {
+            let is_lean = !self.op.has_offset && !self.has_border && self.block_shift == 0;
+            let axes = if is_lean { 0 } else { self.spatial };
+            if is_lean {
+                v.apart(NearestOfAll {
+                    fast,
+                    wave,
+                    at,
+                    offsets: &mut texels.offsets,
+                });
+            }
+            for axis in 0..axes {
                 v.apart(Nearest {
                     fast,
                     wave,
@@ -36,11 +46,10 @@ impl Fast<'_> {
                     texels: &mut texels,
                 });
             }
-            let base = self.image.data.cast_const();
             let is_plain = !self.op.depth_compare && !self.has_border;
             let is_value = matches!(out, Out::Results) && self.decoder != Decoder::Each;
             if is_plain && is_value {
-                return chunk::put(v, info, base, self.image.swizzle, wave, &mut texels);
+                return chunk::put(v, self.image, info, wave, &mut texels);
             }
             let inside = texels.inside;
             self.fetch(
@@ -82,6 +91,74 @@ impl Fast<'_> {
                     near,
                     counts: None,
                 });
+            }
+        }
+    }
+}
+
+/// Puts the offsets of nearest texels. Without offsets, borders and blocks.
+struct NearestOfAll<'a, 'b> {
+    fast: &'b Fast<'a>,
+    wave: &'b Wave<'b>,
+    at: At<'b>,
+    offsets: &'b mut ChunkRows,
+}
+
+impl<V: Vector> Task<V> for NearestOfAll<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) {
+        let (fast, wave, offsets) = (&{ *self.fast }, &{ *self.wave }, self.offsets);
+        let (places, levels) = self.at;
+        let modes = [fast.mode(0), fast.mode(1), fast.mode(2)];
+        let texel_bytes = u32::from(fast.info.size_bytes);
+        let shift = texel_bytes
+            .is_power_of_two()
+            .then(|| texel_bytes.trailing_zeros());
+        let texel_bytes = v.splat_i(texel_bytes as i32);
+        macro_rules! along {
+            ($index:ident, $axis:literal, $extent:expr) => {{
+                let at = v.load(places.coordinate(wave, $index, $axis));
+                let (size, stride) = $extent;
+                let texel = fast.nearest(v, modes[$axis], (at, None), size);
+                match ($axis, shift) {
+                    (0, Some(shift)) => v.left_i(texel, shift),
+                    _ => v.mul_i(texel, stride),
+                }
+            }};
+        }
+        macro_rules! each {
+            (|$index:ident, $axis:ident| $extent:expr) => {
+                for $index in 0..wave.subgroups.len() {
+                    // SAFETY: the caller keeps the contract of `Fast::of_level`; places and levels
+                    // were put.
+                    unsafe {
+                        let mut offset = fast.first_texel(v, places, levels, $index);
+                        let $axis = 0;
+                        offset = v.add_i(offset, along!($index, 0, $extent));
+                        if fast.spatial > 1 {
+                            let $axis = 1;
+                            offset = v.add_i(offset, along!($index, 1, $extent));
+                        }
+                        if fast.spatial > 2 {
+                            let $axis = 2;
+                            offset = v.add_i(offset, along!($index, 2, $extent));
+                        }
+                        offsets.put(v, $index, offset);
+                    }
+                }
+            };
+        }
+        match levels {
+            Some(levels) => each!(|index, axis| levels.extent(v, index, axis, texel_bytes)),
+            None => {
+                let extents = [
+                    fast.extent_of_first(v, 0),
+                    fast.extent_of_first(v, 1),
+                    fast.extent_of_first(v, 2),
+                ];
+                each!(|index, axis| extents[axis]);
             }
         }
     }

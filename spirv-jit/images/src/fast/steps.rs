@@ -5,7 +5,7 @@
 
 use lanes::vector::{Task, Vector};
 
-use super::super::chunk::{ChunkRows, Expand, Fetch};
+use super::super::chunk::{ChunkRows, Expand, Fetch, WordRows};
 use super::super::decode::Decoder;
 use super::super::rows::Wave;
 use super::Fast;
@@ -227,11 +227,11 @@ impl Fast<'_> {
             } = texel;
             v.apart(Fetch {
                 base,
+                readable: self.image.size_bytes,
                 size_bytes: info.size_bytes,
                 wanted: if is_expanded { 0xf } else { wanted },
-                count,
                 offsets,
-                words: [&mut *a, &mut *b, &mut *c, &mut *d],
+                words: WordRows::of_chunk([&mut *a, &mut *b, &mut *c, &mut *d], count),
             });
             if is_expanded {
                 v.apart(Expand {

@@ -62,14 +62,19 @@ lanes::vectors! {
     ///
     /// # Safety
     /// They are readable.
-    unsafe fn texels_at<V>(v, info: &FormatInfo, base: *const u8, places: &[u32; 16]) -> Texels {
+    unsafe fn texels_at<V>(
+        v,
+        image: &ImageDescriptor,
+        info: &FormatInfo,
+        places: &[u32; 16],
+    ) -> Texels {
         let mut results = [[0; 16]; 4];
         wave::of_one(&[], u16::MAX, &mut results, |one| {
             let mut texels = chunk::Texels::new();
             texels.offsets.put(v, 0, v.load_i(places));
             // SAFETY: the caller guarantees that the texels are readable; the wave has a row of
             // each result.
-            unsafe { chunk::put(v, info, base, [0, 1, 2, 3], one, &mut texels) };
+            unsafe { chunk::put(v, image, info, one, &mut texels) };
         });
         results
     }
@@ -110,9 +115,15 @@ fn rows_are_stored_without_their_neighbours() {
 fn load(format: Format, memory: &[u8], places: &[u32; 16]) {
     let info = format.info().unwrap();
     let size = info.size_bytes as usize;
+    let image = ImageDescriptor {
+        data: memory.as_ptr().cast_mut(),
+        size_bytes: memory.len() as u64,
+        format,
+        ..ImageDescriptor::NULL
+    };
     for &tier in Tier::available() {
         // SAFETY: the places are in the memory, and the machine has the tier.
-        let texels = unsafe { texels_at(tier, info, memory.as_ptr(), places) };
+        let texels = unsafe { texels_at(tier, &image, info, places) };
         for lane in 0..16 {
             let words = info.decode(&memory[places[lane] as usize..][..size]);
             assert_eq!(texels.map(|row| row[lane]), words, "{}, {tier}", info.name);
@@ -162,8 +173,8 @@ fn words(seed: u64) -> Texels {
     texels
 }
 
-/// Places of sixteen texels: a row, a 4×4 block whose rows may overlap, upwards or downwards, or
-/// anywhere.
+/// Places of sixteen texels: a row, a 4×4 block whose rows may overlap, upwards or downwards, parts
+/// of two rows, or anywhere.
 fn any_places() -> impl Strategy<Value = [u32; 16]> {
     let block = (0u32..21, 0u32..20, any::<bool>(), 0usize..16).prop_map(
         |(stride, first, downwards, moved)| {
@@ -177,9 +188,25 @@ fn any_places() -> impl Strategy<Value = [u32; 16]> {
             })
         },
     );
+    let steps = prop::collection::vec(0u32..2, 16);
+    let two_rows = (8u32..30, 0u32..60, any::<bool>(), any::<bool>(), steps).prop_map(
+        |(first, distance, is_backwards, in_quads, steps)| {
+            let row = |lane: usize| if in_quads { lane >> 1 & 1 } else { lane >> 3 };
+            let mut at = [first, first + distance];
+            std::array::from_fn(|lane| {
+                let at = &mut at[row(lane)];
+                *at = match is_backwards {
+                    true => at.saturating_sub(steps[lane]),
+                    false => *at + steps[lane],
+                };
+                *at
+            })
+        },
+    );
     prop_oneof![
         Just(std::array::from_fn(|lane| lane as u32)),
         block,
+        two_rows,
         Just((0u32..100).collect::<Vec<_>>())
             .prop_shuffle()
             .prop_map(|all| std::array::from_fn(|lane| all[lane])),
@@ -202,13 +229,18 @@ proptest! {
     }
 
     #[test]
-    fn loads_decode_as_texels_alone(memory in prop::collection::vec(any::<u8>(), 1700), places in any_places()) {
+    fn loads_decode_as_texels_alone(
+        memory in prop::collection::vec(any::<u8>(), 1700),
+        places in any_places(),
+        spare in 0..100usize,
+    ) {
         for format in decoded_formats() {
             let size = format.size_bytes() as u32;
             let places = places.map(|place| place * size + 3);
-            // Nothing lies behind the last texel.
+            // Nothing lies behind the last texel, or not much.
             let end = places.iter().max().unwrap() + size;
-            let memory = memory[..end as usize].to_vec();
+            let end = (end as usize + spare / 2 * (spare % 2)).min(memory.len());
+            let memory = memory[..end].to_vec();
             load(format, &memory, &places);
         }
     }

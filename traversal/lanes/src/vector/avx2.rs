@@ -165,24 +165,24 @@ impl Vector for Avx2 {
     fn left_i(self, [a, b]: I, bits: u32) -> I {
         // SAFETY: the token.
         unsafe {
-            let count = _mm_cvtsi32_si128(bits as i32);
-            [_mm256_sll_epi32(a, count), _mm256_sll_epi32(b, count)]
+            let count = _mm256_set1_epi32(bits as i32);
+            [_mm256_sllv_epi32(a, count), _mm256_sllv_epi32(b, count)]
         }
     }
     #[inline(always)]
     fn right_u(self, [a, b]: I, bits: u32) -> I {
         // SAFETY: the token.
         unsafe {
-            let count = _mm_cvtsi32_si128(bits as i32);
-            [_mm256_srl_epi32(a, count), _mm256_srl_epi32(b, count)]
+            let count = _mm256_set1_epi32(bits as i32);
+            [_mm256_srlv_epi32(a, count), _mm256_srlv_epi32(b, count)]
         }
     }
     #[inline(always)]
     fn right_i(self, [a, b]: I, bits: u32) -> I {
         // SAFETY: the token.
         unsafe {
-            let count = _mm_cvtsi32_si128(bits as i32);
-            [_mm256_sra_epi32(a, count), _mm256_sra_epi32(b, count)]
+            let count = _mm256_set1_epi32(bits as i32);
+            [_mm256_srav_epi32(a, count), _mm256_srav_epi32(b, count)]
         }
     }
     #[inline(always)]
@@ -684,21 +684,54 @@ unsafe fn lanes(mask: u16) -> I {
 /// The scalars at the places of four lanes from `lane` on, as words.
 ///
 /// # Safety
-/// A scalar is readable at each place.
+/// The machine has AVX2, and a scalar is readable at each place.
 #[inline(always)]
 pub(super) unsafe fn four_scalars<T: Copy + Into<u32>>(
     base: *const u8,
     places: &Row,
     lane: usize,
 ) -> __m128i {
-    // SAFETY: the caller guarantees that a scalar is readable at each place; every x86-64 processor
-    // has SSE2.
+    // SAFETY: the caller guarantees that the machine has AVX2, and that a scalar is readable at each
+    // place.
     unsafe {
-        let word = |lane: usize| {
+        let scalar = |lane: usize| {
             let at = base.add(places[lane] as usize).cast::<T>();
             at.read_unaligned().into() as i32
         };
-        _mm_set_epi32(word(lane + 3), word(lane + 2), word(lane + 1), word(lane))
+        let zero = _mm_setzero_si128();
+        // Insertions from memory: from general registers they take two operations.
+        match size_of::<T>() {
+            1 => {
+                let words = _mm_insert_epi8::<0>(zero, scalar(lane));
+                let words = _mm_insert_epi8::<4>(words, scalar(lane + 1));
+                let words = _mm_insert_epi8::<8>(words, scalar(lane + 2));
+                _mm_insert_epi8::<12>(words, scalar(lane + 3))
+            }
+            2 => {
+                let words = _mm_insert_epi16::<0>(zero, scalar(lane));
+                let words = _mm_insert_epi16::<2>(words, scalar(lane + 1));
+                let words = _mm_insert_epi16::<4>(words, scalar(lane + 2));
+                _mm_insert_epi16::<6>(words, scalar(lane + 3))
+            }
+            _ => four_words(base, places, lane),
+        }
+    }
+}
+
+/// The words at the places of four lanes from `lane` on. Interleaved: insertions would wait for one
+/// another.
+///
+/// # Safety
+/// Four bytes are readable at each place.
+#[inline(always)]
+unsafe fn four_words(base: *const u8, places: &Row, lane: usize) -> __m128i {
+    // SAFETY: the caller guarantees that four bytes are readable at each place; every x86-64
+    // processor has SSE2.
+    unsafe {
+        let load = |lane: usize| _mm_loadu_si32(base.add(places[lane] as usize));
+        let low = _mm_unpacklo_epi32(load(lane), load(lane + 1));
+        let high = _mm_unpacklo_epi32(load(lane + 2), load(lane + 3));
+        _mm_unpacklo_epi64(low, high)
     }
 }
 

@@ -1,11 +1,14 @@
 //! AVX-512: one register for sixteen lanes.
 
 use std::arch::x86_64::*;
+use std::hint::black_box;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 use super::avx2::four_scalars;
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{ByteTable, Line, Task, Vector, gathered_bytes};
-use crate::{Row, Tier, gathers_slowly, has_byte_permutes, quad};
+use crate::{Row, Tier, has_byte_permutes, quad};
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]
@@ -31,6 +34,7 @@ impl Vector for Avx512 {
     type I = I;
 
     const TIER: Tier = Tier::Avx512;
+    const HAS_WINDOWS: bool = true;
 
     #[inline(always)]
     unsafe fn new() -> Self {
@@ -83,9 +87,10 @@ impl Vector for Avx512 {
         fn and_i(a: I, b: I) -> I = _mm512_and_si512(a, b);
         fn or_i(a: I, b: I) -> I = _mm512_or_si512(a, b);
         fn xor_i(a: I, b: I) -> I = _mm512_xor_si512(a, b);
-        fn left_i(a: I, bits: u32) -> I = _mm512_sll_epi32(a, _mm_cvtsi32_si128(bits as i32));
-        fn right_u(a: I, bits: u32) -> I = _mm512_srl_epi32(a, _mm_cvtsi32_si128(bits as i32));
-        fn right_i(a: I, bits: u32) -> I = _mm512_sra_epi32(a, _mm_cvtsi32_si128(bits as i32));
+        // Not by a count in a 128-bit register, which takes two operations.
+        fn left_i(a: I, bits: u32) -> I = _mm512_sllv_epi32(a, _mm512_set1_epi32(bits as i32));
+        fn right_u(a: I, bits: u32) -> I = _mm512_srlv_epi32(a, _mm512_set1_epi32(bits as i32));
+        fn right_i(a: I, bits: u32) -> I = _mm512_srav_epi32(a, _mm512_set1_epi32(bits as i32));
         fn left_each(a: I, bits: I) -> I = _mm512_sllv_epi32(a, bits);
         fn right_each(a: I, bits: I) -> I = _mm512_srlv_epi32(a, bits);
         fn table(table: &[f32; 16], index: I) -> F =
@@ -287,6 +292,48 @@ impl Vector for Avx512 {
         unsafe { self.scalars_at::<T>(base, std::hint::black_box(&*places)) }
     }
     #[inline(always)]
+    unsafe fn words_at(self, base: *const u8, offsets: &Row) -> I {
+        // SAFETY: the token proves the features; the caller guarantees that four bytes are readable
+        // at each.
+        unsafe {
+            match gathers_slowly() {
+                true => self.scalars_at::<u32>(base, offsets),
+                false => self.gather(base, self.load_i(offsets)),
+            }
+        }
+    }
+    #[inline(always)]
+    unsafe fn words_in_windows<const SIZE: u32>(
+        self,
+        base: *const u8,
+        offsets: &Row,
+        readable: u64,
+    ) -> Option<I> {
+        // SAFETY: the token proves the features; the caller keeps the contract of `Windows::new`.
+        unsafe {
+            let windows = Windows::new(base, offsets, readable, [SIZE, SIZE])?;
+            let words = windows.words(0);
+            if SIZE >= 4 {
+                return Some(words);
+            }
+            let bytes = self.and_i(windows.offsets, self.splat_i(3));
+            Some(self.right_each(words, self.left_i(bytes, 3)))
+        }
+    }
+    #[inline(always)]
+    unsafe fn pairs_in_windows(
+        self,
+        base: *const u8,
+        offsets: &Row,
+        readable: u64,
+    ) -> Option<(I, I)> {
+        // SAFETY: the token proves the features; the caller keeps the contract of `Windows::new`.
+        unsafe {
+            let windows = Windows::new(base, offsets, readable, [8, 4])?;
+            Some((windows.words(0), windows.words(1)))
+        }
+    }
+    #[inline(always)]
     unsafe fn scalars_at<T: Copy + Into<u32>>(self, base: *const u8, offsets: &Row) -> I {
         // SAFETY: the token proves the features; the caller guarantees that a scalar is readable at
         // each.
@@ -415,6 +462,136 @@ fn permuted_bytes<const N: usize>(table: &ByteTable, words: [I; N]) -> [[F; 3]; 
         ];
     }
     entries
+}
+
+/// Two windows of 64 bytes in which sixteen lanes' words lie, around the first lane's word and
+/// around that of the first lane outside of that window.
+struct Windows {
+    words: [I; 2],
+    /// Of the lanes' bytes in both windows.
+    offsets: I,
+}
+
+impl Windows {
+    /// If scalars of so many bytes, aligned to so many, all lie in such windows.
+    ///
+    /// # Safety
+    /// The machine has AVX-512, and `readable` bytes are readable at `base`.
+    #[inline(always)]
+    unsafe fn new(
+        base: *const u8,
+        places: &Row,
+        readable: u64,
+        [size, alignment]: [u32; 2],
+    ) -> Option<Windows> {
+        const BYTES: u32 = 64;
+        // The first lane's word is in the middle.
+        let before = BYTES / 2 - 4;
+        // SAFETY: the caller guarantees that the machine has AVX-512; windows that are not entirely
+        // readable, or begin before the base, are not loaded.
+        unsafe {
+            let lanes = _mm512_loadu_si512(places.as_ptr().cast());
+            let last = _mm512_set1_epi32((BYTES - size) as i32);
+            let first = places[0].wrapping_sub(before);
+            let in_first = _mm512_sub_epi32(lanes, _mm512_set1_epi32(first as i32));
+            let outside = _mm512_cmpgt_epu32_mask(in_first, last);
+            let second = places[outside.trailing_zeros() as usize & 15].wrapping_sub(before);
+            let in_second = _mm512_sub_epi32(lanes, _mm512_set1_epi32(second as i32));
+            let beyond = _mm512_mask_cmpgt_epu32_mask(outside, in_second, last);
+            let behind = _mm512_set1_epi32(BYTES as i32);
+            let offsets = _mm512_mask_add_epi32(in_first, outside, in_second, behind);
+            let low = _mm512_set1_epi32(alignment as i32 - 1);
+            let is_readable = u64::from(first.max(second)) + u64::from(BYTES) <= readable;
+            if beyond | _mm512_test_epi32_mask(offsets, low) != 0 || !is_readable {
+                return None;
+            }
+            Some(Windows {
+                words: [
+                    _mm512_loadu_si512(base.add(first as usize).cast()),
+                    _mm512_loadu_si512(base.add(second as usize).cast()),
+                ],
+                offsets,
+            })
+        }
+    }
+
+    /// The lanes' words, or those so many behind them.
+    ///
+    /// # Safety
+    /// The machine has AVX-512.
+    #[inline(always)]
+    unsafe fn words(&self, behind: i32) -> I {
+        // SAFETY: the caller guarantees that the machine has AVX-512.
+        unsafe {
+            let index = _mm512_srli_epi32::<2>(self.offsets);
+            let index = _mm512_add_epi32(index, _mm512_set1_epi32(behind));
+            _mm512_permutex2var_epi32(self.words[0], index, self.words[1])
+        }
+    }
+}
+
+/// Whether gathers of pairs take longer than loads one by one. They do on AMD's processors, and on
+/// Intel's with a microcode that keeps gathers from leaking data; so both are timed once. The
+/// results are the same. Only code that is compiled for AVX-512 asks.
+#[inline]
+fn gathers_slowly() -> bool {
+    static SLOWLY: OnceLock<bool> = OnceLock::new();
+    *SLOWLY.get_or_init(pairs_are_loaded_faster)
+}
+
+/// Times gathers and loads of pairs: the least of many rounds, since the first ones are slow in wide
+/// registers, and some are interrupted.
+#[inline(never)]
+fn pairs_are_loaded_faster() -> bool {
+    const ROUNDS: usize = 100;
+    let words = [0u32; 64];
+    let rows = [const {
+        Line([
+            0, 12, 24, 36, 4, 16, 28, 40, 60, 72, 84, 96, 64, 76, 88, 100,
+        ])
+    }; 16];
+    // SAFETY: only machines that have AVX-512 come here.
+    let mut pairs = [unsafe { (_mm512_setzero_si512(), _mm512_setzero_si512()) }; 16];
+    let mut least = [Duration::MAX; 2];
+    for round in 0..2 * ROUNDS {
+        let start = Instant::now();
+        for _ in 0..4 {
+            let base = black_box(&words).as_ptr().cast();
+            // SAFETY: as above; eight bytes are readable at each offset, of 256.
+            unsafe {
+                match round % 2 {
+                    0 => pairs_of::<true>(base, &rows, &mut pairs),
+                    _ => pairs_of::<false>(base, &rows, &mut pairs),
+                }
+            }
+            black_box(&mut pairs);
+        }
+        least[round % 2] = least[round % 2].min(start.elapsed());
+    }
+    least[0] > least[1]
+}
+
+/// Pairs at sixteen rows of offsets, gathered or loaded one by one.
+///
+/// # Safety
+/// The machine has AVX-512, and eight bytes are readable at each offset.
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c")]
+unsafe fn pairs_of<const GATHERS: bool>(
+    base: *const u8,
+    rows: &[Line; 16],
+    pairs: &mut [(I, I); 16],
+) {
+    for (Line(places), pairs) in rows.iter().zip(pairs) {
+        // SAFETY: the caller guarantees that the machine has AVX-512, and eight bytes are readable
+        // at each offset.
+        *pairs = unsafe {
+            match GATHERS {
+                true => gathered_pairs(base, _mm512_loadu_si512(places.as_ptr().cast())),
+                false => loaded_pairs(base, places),
+            }
+        };
+    }
 }
 
 /// Two words at each offset, loaded one by one.

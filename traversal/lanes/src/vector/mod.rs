@@ -99,6 +99,9 @@ pub trait Vector: Copy {
     type F: Copy;
     type I: Copy;
 
+    /// Whether [`Self::words_in_windows`] ever finds some.
+    const HAS_WINDOWS: bool = false;
+
     /// Whether operations are instructions of the machine: versions of code for the common cases
     /// are worth their place.
     const IS_MACHINES: bool = true;
@@ -352,6 +355,38 @@ pub trait Vector: Copy {
     unsafe fn quads_at(self, base: *const u8, offsets: &Row) -> [Self::I; 4] {
         // SAFETY: the caller keeps the contract of this function.
         unsafe { self.gather_quads(base, self.load_i(offsets)) }
+    }
+
+    /// Words at byte offsets, as [`Self::words_at`], if [`Self::HAS_WINDOWS`] and the lanes' words lie
+    /// in two windows of 64 bytes: on two rows of an image, not far apart. Scalars of `SIZE` bytes
+    /// have those behind them on top. `None` if they do not, or if a window is not readable.
+    ///
+    /// # Safety
+    /// `readable` bytes are readable at `base`.
+    #[inline(always)]
+    unsafe fn words_in_windows<const SIZE: u32>(
+        self,
+        base: *const u8,
+        offsets: &Row,
+        readable: u64,
+    ) -> Option<Self::I> {
+        let _ = (base, offsets, readable);
+        None
+    }
+
+    /// As [`Self::words_in_windows`], words and those behind them.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn pairs_in_windows(
+        self,
+        base: *const u8,
+        offsets: &Row,
+        readable: u64,
+    ) -> Option<(Self::I, Self::I)> {
+        let _ = (base, offsets, readable);
+        None
     }
 
     /// Texels of four components around sixteen places, linear between them: in two lines, or in

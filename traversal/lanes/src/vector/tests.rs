@@ -412,3 +412,64 @@ fn texels_are_found_at_offsets_in_memory() {
     let bytes = (0..1024).map(|_| random.u8(..)).collect();
     in_every_tier(&mut AtOffsets { bytes });
 }
+
+/// Words of each size on two rows, which may lie in windows.
+struct InWindows {
+    bytes: Vec<u8>,
+}
+
+impl TierTest for InWindows {
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let mut random = fastrand::Rng::with_seed(8);
+        let (bytes, mut found) = (&self.bytes, 0);
+        let readable = bytes.len() as u64;
+        let words = |a: V::I| {
+            let mut row = [0; LANES];
+            v.store_i(a, &mut row);
+            row
+        };
+        for _ in 0..2000 {
+            let size = 1 << random.u32(..3);
+            let starts = [(); 2].map(|()| random.u32(..bytes.len() as u32 - 80));
+            let reach = random.u32(1..20);
+            let places: Row = std::array::from_fn(|lane| {
+                starts[lane >> 1 & 1] + size * random.u32(..reach).min(19 - 16 * (size / 4))
+            });
+            let expected = |behind: usize| {
+                places.map(|at| {
+                    let mut word = [0; 4];
+                    let at = at as usize + behind;
+                    word[..size as usize].copy_from_slice(&bytes[at..at + size as usize]);
+                    u32::from_le_bytes(word)
+                })
+            };
+            // SAFETY: all bytes are readable.
+            unsafe {
+                let base = bytes.as_ptr();
+                let ones = u32::MAX >> (32 - 8 * size);
+                let near = match size {
+                    1 => v.words_in_windows::<1>(base, &places, readable),
+                    2 => v.words_in_windows::<2>(base, &places, readable),
+                    _ => v.words_in_windows::<4>(base, &places, readable),
+                };
+                if let Some(near) = near {
+                    assert_eq!(words(near).map(|word| word & ones), expected(0));
+                    found += 1;
+                }
+                if size == 4
+                    && let Some((a, b)) = v.pairs_in_windows(base, &places, readable)
+                {
+                    assert_eq!([words(a), words(b)], [expected(0), expected(4)]);
+                }
+            }
+        }
+        assert_eq!(found > 500, V::HAS_WINDOWS, "{found} of {}", V::TIER);
+    }
+}
+
+#[test]
+fn words_are_found_in_windows() {
+    let mut random = fastrand::Rng::with_seed(9);
+    let bytes = (0..512).map(|_| random.u8(..)).collect();
+    in_every_tier(&mut InWindows { bytes });
+}
