@@ -6,6 +6,7 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use super::avx2::four_scalars;
+use super::neighbours::blend_neighbours;
 use super::quads::{half_of_pairs, put_quads, put_quads_of_shorts, quad_at, quads_of_shorts};
 use super::{ByteTable, Line, Task, Vector, gathered_bytes};
 use crate::{Row, Tier, has_byte_permutes, quad};
@@ -35,6 +36,7 @@ impl Vector for Avx512 {
 
     const TIER: Tier = Tier::Avx512;
     const HAS_WINDOWS: bool = true;
+    const BLENDS_NEIGHBOURS: bool = true;
 
     #[inline(always)]
     unsafe fn new() -> Self {
@@ -401,6 +403,31 @@ impl Vector for Avx512 {
         }
     }
 
+    /// In registers of half the width: in whole ones, two more halves would change places for each
+    /// texel.
+    #[inline(always)]
+    unsafe fn blend_neighbours<const KIND: u8, const LINES: usize>(
+        self,
+        base: *const u8,
+        offsets: [I; LINES],
+        weights: [F; 3],
+    ) -> [F; 4] {
+        // SAFETY: the token; the caller keeps the contract of this function.
+        unsafe {
+            let mut lines = [[_mm256_setzero_si256(); 2]; LINES];
+            for (line, offsets) in lines.iter_mut().zip(offsets) {
+                *line = [
+                    _mm512_castsi512_si256(offsets),
+                    _mm512_extracti64x4_epi64::<1>(offsets),
+                ];
+            }
+            let [x, y, z] = weights;
+            let weights = [halves(x), halves(y), halves(z)];
+            let [a, b, c, d] = blend_neighbours::<KIND, LINES>(base, lines, weights);
+            [whole(a), whole(b), whole(c), whole(d)]
+        }
+    }
+
     #[inline(always)]
     fn bytes_in<const N: usize>(self, table: &ByteTable, words: [I; N]) -> [[F; 3]; N] {
         match has_byte_permutes() {
@@ -669,6 +696,26 @@ unsafe fn every_fourth(base: *const u8, places: &Row, lane: usize) -> I {
         let high = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(third), fourth);
         _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
     }
+}
+
+/// The halves of a register.
+///
+/// # Safety
+/// The machine has AVX-512.
+#[inline(always)]
+unsafe fn halves(a: F) -> [__m256; 2] {
+    // SAFETY: the caller guarantees that the machine has AVX-512.
+    unsafe { [_mm512_castps512_ps256(a), _mm512_extractf32x8_ps::<1>(a)] }
+}
+
+/// A register of two halves.
+///
+/// # Safety
+/// The machine has AVX-512.
+#[inline(always)]
+unsafe fn whole([low, high]: [__m256; 2]) -> F {
+    // SAFETY: the caller guarantees that the machine has AVX-512.
+    unsafe { _mm512_insertf32x8::<1>(_mm512_castps256_ps512(low), high) }
 }
 
 /// The quarters of a register.
