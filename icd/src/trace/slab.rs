@@ -21,18 +21,27 @@ impl<T> Default for Slab<T> {
 
 impl<T: Default> Slab<T> {
     /// Takes a place; what was left in it is still there, for its memory to be used again.
+    #[inline]
     pub fn take(&mut self) -> u32 {
-        self.free.pop().unwrap_or_else(|| {
-            // A panic loses the device; without it, the process would be aborted.
-            self.entries
-                .try_reserve(1)
-                .expect("memory for what is in flight");
-            self.entries.push(T::default());
-            self.entries.len() as u32 - 1
-        })
+        match self.free.pop() {
+            Some(place) => place,
+            None => self.add(),
+        }
+    }
+
+    /// Adds a place.
+    #[cold]
+    fn add(&mut self) -> u32 {
+        // A panic loses the device; without it, the process would be aborted.
+        self.entries
+            .try_reserve(1)
+            .expect("memory for what is in flight");
+        self.entries.push(T::default());
+        self.entries.len() as u32 - 1
     }
 
     /// Gives a place back.
+    #[inline]
     pub fn remove(&mut self, index: u32) {
         self.free.push(index);
     }

@@ -259,6 +259,11 @@ impl Walker {
                 self.resume_singles(group, suspended, group_walks)?;
                 continue;
             }
+            if suspended.is_at_end() {
+                self.spare.push(suspended);
+                group_walks.settled(group)?;
+                continue;
+            }
             // All that started, for what they have in common.
             load(group, &mut before, &mut rays, group_walks);
             let hits = &mut group_walks.group_walk(group).hits;

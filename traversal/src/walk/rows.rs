@@ -134,10 +134,12 @@ impl RayRows {
     /// The ray of a lane.
     #[inline]
     pub fn ray(&self, lane: usize) -> Ray {
+        let lane = lane % PACKET;
+        let (o, d) = (&self.origin, &self.direction);
         Ray {
-            origin: [0, 1, 2].map(|axis: usize| self.origin[axis][lane]),
+            origin: [o[0][lane], o[1][lane], o[2][lane]],
             t_min: self.t_min[lane],
-            direction: [0, 1, 2].map(|axis: usize| self.direction[axis][lane]),
+            direction: [d[0][lane], d[1][lane], d[2][lane]],
             t_max: self.t_max[lane],
             flags: self.flags[lane],
             cull_mask: self.cull_mask[lane],

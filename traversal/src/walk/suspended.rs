@@ -117,6 +117,11 @@ impl Ahead {
         self.lanes.clear();
     }
 
+    /// Whether there are some for any of these rays.
+    fn is_for(&self, lanes: LaneMask) -> bool {
+        self.lanes.iter().any(|&all| !(all & lanes).is_empty())
+    }
+
     /// Those that a ray is to visit.
     fn of(&self, lane: usize) -> impl Iterator<Item = Entry> {
         let all = self.entries.iter().zip(&self.lanes);
@@ -137,6 +142,13 @@ impl SuspendedLeaf {
         word: 0,
         rest: [LaneMask::NONE; LEAF_TRIANGLES],
     };
+
+    /// Whether rays of `live` still have triangles to look at.
+    #[inline(always)]
+    pub fn has_rest(&self, live: LaneMask) -> bool {
+        let rest = self.rest.iter().fold(LaneMask::NONE, |all, &one| all | one);
+        !(rest & live).is_empty()
+    }
 
     /// Rays have been tested against all of it.
     pub fn is_over(&self) -> bool {
@@ -253,6 +265,17 @@ impl Suspended {
     fn commit(&mut self, lane: usize, hit: &Hit, hits: &mut HitRows) {
         self.found.set_outside(lane, hit.t);
         hits.set(lane, hit);
+    }
+
+    /// Whether a packet is at its end after the decisions about its candidates, with all hits in
+    /// the rows.
+    pub(crate) fn is_at_end(&self) -> bool {
+        let mut live = self.lanes - self.ended;
+        if self.any {
+            live -= self.found.outside;
+        }
+        let is_ahead = self.top.is_for(live) || self.bottom.is_for(live);
+        self.found.hit.is_empty() && !is_ahead && !self.leaf.has_rest(live)
     }
 
     /// Ends rays with what is committed.

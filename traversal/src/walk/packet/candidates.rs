@@ -1,13 +1,10 @@
 //! Leaves whose triangles are not all opaque: rays stop there for candidates.
 
-#[cfg(target_arch = "x86_64")]
-use std::arch::x86_64::*;
-
 use lanes::LaneMask;
 
 use super::rays::Rays;
 #[cfg(target_arch = "x86_64")]
-use super::rays::{load, store};
+use super::register::{Register, lanes_of, rays_of};
 #[cfg(target_arch = "x86_64")]
 use super::triangle::{intersect_triangle, take_hits, test_triangle};
 use crate::layout::{Block, GROUP, LEAF_TRIANGLES, TriangleGroup, child, geometry_word};
@@ -29,9 +26,12 @@ use crate::walk::triangle::intersect;
 
 /// Tests the opaque triangles of a leaf, and the opaque parts of triangles with micromaps; notes at
 /// which others rays have to look.
+///
+/// # Safety
+/// The machine has the register's instruction set, here and below.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn test_some(
+#[inline(always)]
+pub(super) unsafe fn test_some<R: Register>(
     rays: &Rays,
     level: &Level,
     facts: &InstanceFacts,
@@ -49,19 +49,28 @@ pub(super) fn test_some(
         return leaf;
     };
     let first_slot = structure.first_slot(word & child::INDEX);
-    let mut rest = there & rays.test_triangles(groups, t_far);
+    let mut rest = there;
+    if rays.has_bounds {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        rest &= unsafe { rays.test_triangles(groups, t_far) };
+    }
     while rest != 0 {
         let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
         rest &= rest - 1;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
         let (place, slot) = ((group, lane), first_slot + i as u32);
         match Seen::of(level, facts, group.geometries[lane], group.primitives[lane]) {
-            Seen::Opaque => test_triangle(rays, structure, place, slot, lanes, found),
+            // SAFETY: the caller guarantees that the machine has the instruction set.
+            Seen::Opaque => unsafe {
+                test_triangle::<R>(rays, structure, place, slot, lanes, found);
+            },
             Seen::Candidate => leaf.rest[i] = lanes,
             Seen::Not => {}
             Seen::ByParts(states) => {
                 let seen = (facts, &states);
-                leaf.rest[i] = test_parts(rays, structure, seen, place, slot, lanes, found);
+                // SAFETY: the caller guarantees that the machine has the instruction set.
+                leaf.rest[i] =
+                    unsafe { test_parts::<R>(rays, structure, seen, (place, slot), lanes, found) };
             }
         }
     }
@@ -70,49 +79,51 @@ pub(super) fn test_some(
 
 /// Tests a triangle with a micromap: takes the hits of opaque parts, and returns the rays that meet
 /// parts about which a shader is asked.
+///
+/// # Safety
+/// The machine has the register's instruction set.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-fn test_parts(
+#[inline(always)]
+unsafe fn test_parts<R: Register>(
     rays: &Rays,
     structure: &Structure,
     (facts, states): (&InstanceFacts, &TriangleStates),
-    place: (&TriangleGroup, usize),
-    slot: u32,
+    (place, slot): ((&TriangleGroup, usize), u32),
     lanes: LaneMask,
     found: &mut Found,
 ) -> LaneMask {
-    let t_far = load(&found.t);
-    let Some(mut meeting) = intersect_triangle(rays, place, lanes, t_far) else {
-        return LaneMask::NONE;
-    };
-    let mut asked = LaneMask::NONE;
-    let near = LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(meeting.t, t_far));
-    let met = meeting.lanes & near;
-    if !met.is_empty() {
-        let mut weights = [[0.0; PACKET]; 2];
-        for (row, weight) in weights.iter_mut().zip(meeting.weights) {
-            store(row, weight);
+    let (mut asked, mut undecided) = (LaneMask::NONE, LaneMask::NONE);
+    for part in 0..PACKET / R::RAYS {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe {
+            let here = (part, rays_of::<R>(lanes, part));
+            let t_far = R::load(&found.t, part);
+            let Some(mut meeting) = intersect_triangle(rays, place, here, t_far) else {
+                continue;
+            };
+            undecided |= lanes_of::<R>(meeting.undecided, part);
+            let met = lanes_of::<R>(meeting.rays & meeting.t.le(t_far), part);
+            if met.is_empty() {
+                continue;
+            }
+            let mut weights = [[0.0; PACKET]; 2];
+            for (row, weight) in weights.iter_mut().zip(meeting.weights) {
+                weight.store(row, part);
+            }
+            let mut opaque = LaneMask::NONE;
+            for lane in met {
+                let is_opaque = opacity_at(states, facts, [weights[0][lane], weights[1][lane]]);
+                opaque.set(lane, is_opaque == Some(true));
+                asked.set(lane, is_opaque == Some(false));
+            }
+            meeting.rays = rays_of::<R>(opaque, part);
+            take_hits(structure, slot, &meeting, (part, t_far), found);
         }
-        meeting.lanes = LaneMask::NONE;
-        for lane in met {
-            let opaque = opacity_at(states, facts, [weights[0][lane], weights[1][lane]]);
-            meeting.lanes.set(lane, opaque == Some(true));
-            asked.set(lane, opaque == Some(false));
-        }
-        take_hits(structure, slot, &meeting, t_far, found);
     }
-    if !meeting.undecided.is_empty() {
+    if !undecided.is_empty() {
         let triangle = place.0.triangle(place.1);
         let seen = (facts, states);
-        asked |= test_parts_exactly(
-            rays,
-            structure,
-            seen,
-            &triangle,
-            slot,
-            meeting.undecided,
-            found,
-        );
+        asked |= test_parts_exactly(rays, structure, seen, &triangle, slot, undecided, found);
     }
     asked
 }
@@ -155,9 +166,12 @@ pub(super) fn in_full(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
 }
 
 /// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
+///
+/// # Safety
+/// The machine has the register's instruction set.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn next_candidates(
+#[inline(always)]
+pub(super) unsafe fn next_candidates<R: Register>(
     rays: &Rays,
     structure: &Structure,
     facts: &InstanceFacts,
@@ -171,21 +185,46 @@ pub(super) fn next_candidates(
         structure,
         facts,
         found,
+        looks_ahead: true,
     };
     search.run(leaf, live, candidates, |_, place, lanes, rows| {
-        let t_far = load(&found.t);
-        let meeting = intersect_triangle(rays, place, lanes, t_far)?;
-        store(&mut rows.t, meeting.t);
-        for (weights, weight) in rows.barycentrics.iter_mut().zip(meeting.weights) {
-            store(weights, weight);
-        }
-        let nearer = LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(meeting.t, t_far));
-        Some(MetTriangle {
-            met: meeting.lanes & nearer,
-            front: meeting.front - meeting.undecided,
-            undecided: meeting.undecided,
-        })
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe { meet_triangle::<R>(rays, place, lanes, found, rows) }
     });
+}
+
+/// Where rays meet a triangle nearer than the hits so far, written into `rows`.
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn meet_triangle<R: Register>(
+    rays: &Rays,
+    place: (&TriangleGroup, usize),
+    lanes: LaneMask,
+    found: &Found,
+    rows: &mut IntersectionRows,
+) -> Option<MetTriangle> {
+    let mut triangle = MetTriangle::NONE;
+    for part in 0..PACKET / R::RAYS {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe {
+            let here = (part, rays_of::<R>(lanes, part));
+            let t_far = R::load(&found.t, part);
+            let Some(meeting) = intersect_triangle(rays, place, here, t_far) else {
+                continue;
+            };
+            meeting.t.store(&mut rows.t, part);
+            for (weights, weight) in rows.barycentrics.iter_mut().zip(meeting.weights) {
+                weight.store(weights, part);
+            }
+            triangle.met |= lanes_of::<R>(meeting.rays & meeting.t.lt(t_far), part);
+            triangle.front |= lanes_of::<R>(meeting.front & !meeting.undecided, part);
+            triangle.undecided |= lanes_of::<R>(meeting.undecided, part);
+        }
+    }
+    (!(triangle.met | triangle.undecided).is_empty()).then_some(triangle)
 }
 
 /// The rays that meet a triangle nearer than the hits so far.
@@ -197,12 +236,24 @@ pub(super) struct MetTriangle {
     pub undecided: LaneMask,
 }
 
+#[cfg(target_arch = "x86_64")]
+impl MetTriangle {
+    const NONE: MetTriangle = MetTriangle {
+        met: LaneMask::NONE,
+        front: LaneMask::NONE,
+        undecided: LaneMask::NONE,
+    };
+}
+
 /// The search for candidates of a packet's rays in one instance.
 pub(super) struct CandidateSearch<'a> {
     pub rays: &'a Rays,
     pub structure: &'a Structure,
     pub facts: &'a InstanceFacts,
     pub found: &'a Found,
+    /// Rays that have a candidate are tested, too, where that takes no longer: so they do not look
+    /// again at triangles that they do not meet.
+    pub looks_ahead: bool,
 }
 
 impl CandidateSearch<'_> {
@@ -223,7 +274,7 @@ impl CandidateSearch<'_> {
         ) -> Option<MetTriangle>,
     ) {
         candidates.found = LaneMask::NONE;
-        if !has_rest(leaf, live) {
+        if !leaf.has_rest(live) {
             return;
         }
         let mut room = None;
@@ -233,16 +284,23 @@ impl CandidateSearch<'_> {
         };
         let first_slot = structure.first_slot(leaf.word & child::INDEX);
         for i in 0..LEAF_TRIANGLES {
-            let lanes = leaf.rest[i] & (live - candidates.found);
-            if lanes.is_empty() {
+            let there = leaf.rest[i] & live;
+            let lanes = there - candidates.found;
+            if there.is_empty() || lanes.is_empty() && !self.looks_ahead {
                 continue;
             }
-            leaf.rest[i] -= lanes;
+            let tested = if self.looks_ahead { there } else { lanes };
+            leaf.rest[i] -= tested;
             let place = (groups[i / GROUP], i % GROUP);
             let mut rows = IntersectionRows::ZERO;
-            let Some(mut triangle) = intersect((i, groups), place, lanes, &mut rows) else {
+            let Some(mut triangle) = intersect((i, groups), place, tested, &mut rows) else {
                 continue;
             };
+            if self.looks_ahead {
+                leaf.rest[i] |= (triangle.met | triangle.undecided) - lanes;
+                triangle.met &= lanes;
+                triangle.undecided &= lanes;
+            }
             if !triangle.undecided.is_empty() {
                 let corners = place.0.triangle(place.1);
                 let exactly =
@@ -254,13 +312,6 @@ impl CandidateSearch<'_> {
             rows.write((triangle.met, triangle.front), &hit, self.facts, candidates);
         }
     }
-}
-
-/// Whether rays of `live` still have triangles to look at in a leaf.
-#[inline(always)]
-fn has_rest(leaf: &SuspendedLeaf, live: LaneMask) -> bool {
-    let rest = (leaf.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
-    !rest.is_empty()
 }
 
 /// The part of a candidate that all rays at a triangle share.

@@ -6,9 +6,9 @@ use super::kernel::PacketKernel;
 use super::{Packet, PacketSpace};
 use crate::layout::{child, geometry_word};
 use crate::ray::Hit;
-use crate::structure::Kind;
+use crate::structure::{Kind, Structure};
 use crate::walk::Walker;
-use crate::walk::facts::InstanceFacts;
+use crate::walk::entry::Entry;
 use crate::walk::rows::HitRows;
 use crate::walk::suspended::{Progress, SuspendedLeaf};
 
@@ -33,6 +33,18 @@ pub(super) enum Way {
     Boxes,
 }
 
+/// The leaf of a structure that holds but one group of triangles.
+#[inline(always)]
+fn only_group(structure: &Structure) -> Option<u32> {
+    let (_, groups) = structure.groups();
+    if groups == 0 || structure.node_count() != 1 {
+        return None;
+    }
+    let [first, second, ..] = structure.node(0)?.children();
+    let is_leaf = first & child::LEAF != 0 && first & child::TWO_GROUPS == 0;
+    (is_leaf && second == child::NONE).then_some(first)
+}
+
 impl Packet<'_> {
     /// Continues, first in the given instance, if any, then with the pending nodes of the top
     /// level.
@@ -46,17 +58,19 @@ impl Packet<'_> {
         hits: &mut HitRows,
         only: Option<(u32, LaneMask)>,
     ) -> Progress {
-        let structure = walker.top.structure;
         let mut next = only;
         loop {
             let (index, lanes) = match next.take() {
                 Some(instance) => instance,
                 None if only.is_some() => break,
                 None => {
-                    let PacketSpace { top, ways, .. } = &mut walker.packet;
+                    let Walker {
+                        packet, top: level, ..
+                    } = &mut *walker;
+                    let PacketSpace { top, ways, .. } = packet;
                     // SAFETY: the caller guarantees that the machine has the kernel's instruction
                     // set.
-                    match unsafe { K::next_leaf(self, ways, &structure, top) } {
+                    match unsafe { K::next_leaf(self, ways, &level.structure, top) } {
                         Some((word, lanes, _)) => (word & child::INDEX, lanes),
                         None => break,
                     }
@@ -145,14 +159,17 @@ impl Packet<'_> {
             Kind::Aabbs if asks => Way::Boxes,
             _ => return Entering::Unusual,
         };
+        let leaf = only_group(&bottom.structure);
+        let setting = (lanes, leaf.is_none());
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        let alike = unsafe { K::set_up_instance(rays, self.rays, &record, lanes) };
+        let alike = unsafe { K::set_up_instance(rays, self.rays, &record, setting) };
         if alike != lanes {
             return Entering::Apart(alike);
         }
         self.found.instance = index;
         if !again {
-            stack.start(lanes);
+            let entry = leaf.map_or(Entry::ROOT, |leaf| Entry::new(leaf, 0.0));
+            stack.start_at(entry, lanes);
         }
         Entering::Inside(way)
     }
@@ -171,42 +188,42 @@ impl Packet<'_> {
         instance: (u32, LaneMask),
         mut suspended_leaf: SuspendedLeaf,
     ) -> bool {
-        let structure = walker.bottom.structure;
-        let facts = walker.instance;
         loop {
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
             let stands = way == Way::Mixed
-                && unsafe { self.stands::<K>(walker, &facts, instance, &mut suspended_leaf) };
+                && unsafe { self.stands::<K>(walker, instance, &mut suspended_leaf) };
             if stands {
                 return true;
             }
             let Walker {
                 packet,
                 bottom: level,
+                instance: facts,
                 ..
             } = &mut *walker;
             let PacketSpace { bottom, rays, .. } = packet;
+            let structure = &level.structure;
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-            let next = unsafe { K::next_leaf(self, rays, &structure, bottom) };
+            let next = unsafe { K::next_leaf(self, rays, structure, bottom) };
             let Some((word, here, t_far)) = next else {
                 return false;
             };
-            let (leaf, found) = ((word, here), &mut self.found);
+            let (leaf, found) = ((word, here), &mut *self.found);
             match way {
                 // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-                Way::Opaque => unsafe { K::test_leaf(rays, &structure, leaf, t_far, found) },
+                Way::Opaque => unsafe { K::test_leaf(rays, structure, leaf, t_far, found) },
                 Way::Mixed => {
                     suspended_leaf =
                         // SAFETY: the caller guarantees that the machine has the kernel's
                         // instruction set.
-                        unsafe { K::test_some(rays, level, &facts, leaf, t_far, found) };
+                        unsafe { K::test_some(rays, level, facts, leaf, t_far, found) };
                     if self.suspended.is_none() && !suspended_leaf.is_over() {
                         // A geometry without a micromap: the attempt ends.
                         self.patience = 0;
                     }
                 }
                 Way::Boxes => {
-                    if self.stands_at_box(walker, &facts, instance, word, here) {
+                    if self.stands_at_box(walker, instance, word, here) {
                         return true;
                     }
                 }
@@ -222,7 +239,6 @@ impl Packet<'_> {
     unsafe fn stands<K: PacketKernel>(
         &mut self,
         walker: &Walker,
-        facts: &InstanceFacts,
         instance: (u32, LaneMask),
         suspended_leaf: &mut SuspendedLeaf,
     ) -> bool {
@@ -236,10 +252,10 @@ impl Packet<'_> {
             K::next_candidates(
                 rays,
                 structure,
-                facts,
+                &walker.instance,
                 suspended_leaf,
                 live,
-                &self.found,
+                self.found,
                 candidates,
             );
         }
@@ -256,11 +272,11 @@ impl Packet<'_> {
     fn stands_at_box(
         &mut self,
         walker: &Walker,
-        facts: &InstanceFacts,
         instance: (u32, LaneMask),
         word: u32,
         lanes: LaneMask,
     ) -> bool {
+        let facts = &walker.instance;
         let entry = walker.bottom.structure.box_entry(word & child::INDEX);
         let (Some(suspended), Some(entry)) = (self.suspended.as_deref_mut(), entry) else {
             return false;

@@ -22,6 +22,8 @@ use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 pub(super) trait PacketKernel: Sized {
     /// Sixteen lanes in the registers of the instruction set.
     type V: Vector;
+    /// Triangles are tested one ray after the other.
+    const BY_RAYS: bool;
 
     /// The least number of some lanes.
     ///
@@ -128,7 +130,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &mut Rays,
         ray_rows: &RayRows,
         record: &InstanceRecord,
-        lanes: LaneMask,
+        lanes: (LaneMask, bool),
     ) -> LaneMask;
 
     /// [`super::trace_packet`].
@@ -193,7 +195,7 @@ macro_rules! compiled {
             rays: &mut Rays,
             ray_rows: &RayRows,
             record: &InstanceRecord,
-            lanes: LaneMask,
+            lanes: (LaneMask, bool),
         ) -> LaneMask {
             // SAFETY: the caller guarantees that the machine has the instruction set.
             unsafe { rays.set_up_instance::<$kernel>(ray_rows, record, lanes) }

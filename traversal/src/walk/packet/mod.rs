@@ -18,6 +18,8 @@ mod kernel;
 mod plain;
 mod portable;
 mod rays;
+#[cfg(target_arch = "x86_64")]
+mod register;
 mod set_up;
 mod stack;
 #[cfg(target_arch = "x86_64")]
@@ -117,6 +119,14 @@ unsafe fn trace(
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
 ) -> Progress {
+    let filled;
+    let rays = match lanes.0 {
+        LaneMask::ALL => rays,
+        there => {
+            filled = rays.filled(there);
+            &filled
+        }
+    };
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray; a walker has this
@@ -125,7 +135,7 @@ unsafe fn trace(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         Tier::Avx2 => unsafe {
-            plain::Avx2Packets::trace_packet(rays, lanes, hits, walker, suspended)
+            wide::Avx2Packets::trace_packet(rays, lanes, hits, walker, suspended)
         },
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray; every machine has
         // plain Rust.
@@ -143,13 +153,21 @@ pub(crate) unsafe fn resume(
     walker: &mut Walker,
     suspended: &mut Suspended,
 ) -> Progress {
+    let filled;
+    let rays = match suspended.started {
+        LaneMask::ALL => rays,
+        started => {
+            filled = rays.filled(started);
+            &filled
+        }
+    };
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         Tier::Avx512 => unsafe { wide::Avx512::resume_packet(rays, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
-        Tier::Avx2 => unsafe { plain::Avx2Packets::resume_packet(rays, hits, walker, suspended) },
+        Tier::Avx2 => unsafe { wide::Avx2Packets::resume_packet(rays, hits, walker, suspended) },
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray.
         _ => unsafe { plain::PortablePackets::resume_packet(rays, hits, walker, suspended) },
     }
@@ -186,8 +204,6 @@ unsafe fn trace_packet<K: PacketKernel>(
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
 ) -> Progress {
-    let filled = (lanes != LaneMask::ALL).then(|| rays.filled(lanes));
-    let rays = filled.as_ref().unwrap_or(rays);
     // SAFETY: the caller guarantees a machine with the instruction set.
     let v = unsafe { K::V::new() };
     if !(are_alike || rays.are_alike()) || !set_up::cohere(v, rays, lanes) {
@@ -199,16 +215,16 @@ unsafe fn trace_packet<K: PacketKernel>(
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
         return Progress::Singly;
     }
-    let structure = walker.top.structure;
-    if structure.kind() != Kind::Instances {
+    if walker.top.structure.kind() != Kind::Instances {
         return Progress::Singly;
     }
     let first = rays.ray(first);
+    let mut found = Found::new(rays);
     let mut packet = Packet {
         lanes,
         any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
         patience: patience(walker),
-        found: Found::new(rays),
+        found: &mut found,
         first,
         rays,
         has_asked: false,
@@ -216,7 +232,8 @@ unsafe fn trace_packet<K: PacketKernel>(
     };
     let only = only_instance(&walker.top).map(|index| (index, lanes));
     if only.is_none() {
-        let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
+        let origin_error = walker.top.structure.origin_error();
+        let ways = &mut walker.packet.ways;
         // SAFETY: the caller keeps the contract of `Walk::new`, for every ray, and a machine with
         // the instruction set.
         let alike = unsafe { K::set_up_top(ways, rays, origin_error, lanes) };
@@ -240,14 +257,13 @@ unsafe fn resume_packet<K: PacketKernel>(
     suspended: &mut Suspended,
 ) -> Progress {
     let started = suspended.started;
-    let filled = (started != LaneMask::ALL).then(|| rays.filled(started));
-    let rays = filled.as_ref().unwrap_or(rays);
     let first = started.first();
+    let mut found = suspended.found.clone();
     let mut packet = Packet {
         lanes: suspended.lanes - suspended.ended,
         any: suspended.any,
         patience: suspended.patience,
-        found: suspended.found.clone(),
+        found: &mut found,
         first: rays.ray(first),
         rays,
         has_asked: true,
@@ -316,7 +332,7 @@ struct Packet<'a> {
     /// The first hit of a ray ends it.
     any: bool,
     patience: u32,
-    found: Found,
+    found: &'a mut Found,
     /// Shaders have decided on candidates: there is no way back.
     has_asked: bool,
     /// Keeps them while shaders decide.
@@ -453,7 +469,7 @@ impl Packet<'_> {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let v = unsafe { K::V::new() };
         self.open(hits);
-        let found = &self.found;
+        let found = &*self.found;
         let mut rest = found.hit;
         if rest.is_empty() {
             return Progress::Done;

@@ -2,13 +2,11 @@
 //! vectors, and leaves one ray after the other.
 
 use lanes::LaneMask;
-use lanes::vector::{self, Vector};
+use lanes::vector;
 
 use super::candidates::{CandidateSearch, MetTriangle, in_full};
 use super::kernel::{PacketKernel, compiled};
 use super::rays::Rays;
-#[cfg(target_arch = "x86_64")]
-use super::vectors;
 use super::{Packet, Stack, portable};
 use crate::layout::{GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child};
 use crate::structure::Structure;
@@ -21,16 +19,13 @@ use crate::walk::level::Level;
 use crate::walk::level_ray::{max, min};
 use crate::walk::level_rays::{AXIS, ROW};
 use crate::walk::micromap::{Seen, opacity_at};
-use crate::walk::rows::{HitRows, RayRows};
+use crate::walk::portable::PortableKernel;
+use crate::walk::rows::{HitRows, Lanes, RayRows};
 use crate::walk::suspended::{Progress, Suspended, SuspendedLeaf};
 use crate::walk::triangle::Intersection;
 
 /// The baseline that every machine has.
 pub(super) struct PortablePackets;
-
-/// AVX2.
-#[cfg(target_arch = "x86_64")]
-pub(super) struct Avx2Packets;
 
 /// Eight numbers, one for each child or triangle.
 type Eight = [f32; WIDTH];
@@ -177,7 +172,10 @@ unsafe fn test_leaf<P: PacketKernel, K: Kernel>(
     let first_slot = structure.first_slot(word & child::INDEX);
     // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
     unsafe {
-        let triangles = there & P::test_triangles(rays, groups, t_far);
+        let triangles = match rays.has_bounds {
+            true => there & P::test_triangles(rays, groups, t_far),
+            false => there,
+        };
         if triangles != 0 {
             test_each::<K>(
                 rays,
@@ -212,8 +210,11 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
         return leaf;
     };
     let first_slot = structure.first_slot(word & child::INDEX);
-    // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
-    let mut rest = there & unsafe { P::test_triangles(rays, groups, t_far) };
+    let mut rest = match rays.has_bounds {
+        // SAFETY: the caller guarantees that the machine has the kernels' instruction set.
+        true => there & unsafe { P::test_triangles(rays, groups, t_far) },
+        false => there,
+    };
     let (mut opaque, mut others) = (0, 0);
     let mut by_parts = [None; LEAF_TRIANGLES];
     while rest != 0 {
@@ -290,6 +291,7 @@ unsafe fn next_candidates<K: Kernel>(
         structure,
         facts,
         found,
+        looks_ahead: false,
     };
     let (word, known) = (leaf.word, rays.hits_of);
     search.run(leaf, live, candidates, |(i, groups), _, lanes, rows| {
@@ -326,115 +328,79 @@ unsafe fn next_candidates<K: Kernel>(
     });
 }
 
-macro_rules! plain {
-    ($name:ident, $kernel:ty, $vector:ty, $rows:ident $(, #[$feature:meta])?) => {
-        impl PacketKernel for $name {
-            type V = $vector;
+impl PacketKernel for PortablePackets {
+    type V = vector::Portable;
+    const BY_RAYS: bool = true;
 
-            #[inline(always)]
-            unsafe fn least(row: <$vector as Vector>::F, lanes: LaneMask) -> f32 {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::least(row, lanes)
-                }
-            }
+    #[inline(always)]
+    unsafe fn least(row: Lanes, lanes: LaneMask) -> f32 {
+        portable::least(row, lanes)
+    }
 
-            #[inline(always)]
-            unsafe fn greatest(row: <$vector as Vector>::F, lanes: LaneMask) -> f32 {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::greatest(row, lanes)
-                }
-            }
+    #[inline(always)]
+    unsafe fn greatest(row: Lanes, lanes: LaneMask) -> f32 {
+        portable::greatest(row, lanes)
+    }
 
-            #[inline(always)]
-            unsafe fn test_interval(
-                rays: &Rays,
-                node: NodeAt<'_>,
-                t_far: f32,
-                soonest: &mut [f32; WIDTH],
-            ) -> u32 {
-                let (near, far) = test_interval(rays, node, t_far);
-                *soonest = near;
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::eight_not_greater(&near, &far)
-                }
-            }
+    #[inline(always)]
+    unsafe fn test_interval(
+        rays: &Rays,
+        node: NodeAt<'_>,
+        t_far: f32,
+        soonest: &mut [f32; WIDTH],
+    ) -> u32 {
+        let (near, far) = test_interval(rays, node, t_far);
+        *soonest = near;
+        portable::eight_not_greater(&near, &far)
+    }
 
-            #[inline(always)]
-            unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
-                let (near, far) = test_triangles(rays, groups, t_far);
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                #[allow(unused_unsafe)]
-                unsafe {
-                    $rows::eight_not_greater(&near, &far)
-                }
-            }
+    #[inline(always)]
+    unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
+        let (near, far) = test_triangles(rays, groups, t_far);
+        portable::eight_not_greater(&near, &far)
+    }
 
-            $(#[$feature])?
-            unsafe fn test_leaf(
-                rays: &Rays,
-                structure: &Structure,
-                leaf: (u32, LaneMask),
-                t_far: f32,
-                found: &mut Found,
-            ) {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                unsafe { test_leaf::<$name, $kernel>(rays, structure, leaf, t_far, found) }
-            }
+    unsafe fn test_leaf(
+        rays: &Rays,
+        structure: &Structure,
+        leaf: (u32, LaneMask),
+        t_far: f32,
+        found: &mut Found,
+    ) {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe { test_leaf::<PortablePackets, PortableKernel>(rays, structure, leaf, t_far, found) }
+    }
 
-            $(#[$feature])?
-            unsafe fn test_some(
-                rays: &mut Rays,
-                level: &Level,
-                facts: &InstanceFacts,
-                leaf: (u32, LaneMask),
-                t_far: f32,
-                found: &mut Found,
-            ) -> SuspendedLeaf {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                unsafe { test_some::<$name, $kernel>(rays, level, facts, leaf, t_far, found) }
-            }
-
-            $(#[$feature])?
-            unsafe fn next_candidates(
-                rays: &Rays,
-                structure: &Structure,
-                facts: &InstanceFacts,
-                leaf: &mut SuspendedLeaf,
-                live: LaneMask,
-                found: &Found,
-                candidates: &mut HitRows,
-            ) {
-                // SAFETY: the caller guarantees that the machine has the instruction set.
-                unsafe {
-                    next_candidates::<$kernel>(
-                        rays, structure, facts, leaf, live, found, candidates,
-                    );
-                }
-            }
-
-            compiled! { $(#[$feature])? as $name; }
+    unsafe fn test_some(
+        rays: &mut Rays,
+        level: &Level,
+        facts: &InstanceFacts,
+        leaf: (u32, LaneMask),
+        t_far: f32,
+        found: &mut Found,
+    ) -> SuspendedLeaf {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe {
+            test_some::<PortablePackets, PortableKernel>(rays, level, facts, leaf, t_far, found)
         }
-    };
+    }
+
+    unsafe fn next_candidates(
+        rays: &Rays,
+        structure: &Structure,
+        facts: &InstanceFacts,
+        leaf: &mut SuspendedLeaf,
+        live: LaneMask,
+        found: &Found,
+        candidates: &mut HitRows,
+    ) {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe {
+            next_candidates::<PortableKernel>(
+                rays, structure, facts, leaf, live, found, candidates,
+            );
+        }
+    }
+
+    compiled! { as PortablePackets; }
 }
-
-plain!(
-    PortablePackets,
-    crate::walk::portable::PortableKernel,
-    vector::Portable,
-    portable
-);
-
-#[cfg(target_arch = "x86_64")]
-plain!(
-    Avx2Packets,
-    crate::walk::avx::Avx<false>,
-    vector::Avx2,
-    vectors,
-    #[target_feature(enable = "avx2,bmi1,bmi2")]
-);

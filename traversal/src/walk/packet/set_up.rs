@@ -146,46 +146,70 @@ fn longest_along<V: Vector>(v: V, axis: usize, d: [V::F; 3]) -> LaneMask {
     })
 }
 
-/// The own axes of rays that go the way of one with a direction, and which go that way.
-#[inline(always)]
-fn way<V: Vector>(v: V, d: [V::F; 3], direction: [f32; 3]) -> ([usize; 3], LaneMask) {
-    let own_axes = match longest(direction[0], direction[1], direction[2]) {
-        (true, _) => [1, 2, 0],
-        (_, true) => [2, 0, 1],
-        _ => [0, 1, 2],
-    };
-    let zero = v.splat(0.0);
-    let mut alike = longest_along(v, own_axes[2], d);
-    let negative = [v.gt(zero, d[0]), v.gt(zero, d[1]), v.gt(zero, d[2])];
-    for axis in 0..3 {
-        let negative = LaneMask::from_bits(negative[axis]);
-        alike &= match direction[axis] < 0.0 {
-            true => negative,
-            false => !negative,
-        };
-    }
-    let own_axes = match direction[own_axes[2]] < 0.0 {
-        true => [own_axes[1], own_axes[0], own_axes[2]],
-        false => own_axes,
-    };
-    (own_axes, alike)
+/// The way of a packet's rays: their longest axis, and the signs of their directions.
+struct Way {
+    /// The rays' own axes: two that follow the longest one in turn, and that.
+    own_axes: [usize; 3],
+    /// By axis: directions are negative.
+    is_backward: [bool; 3],
 }
 
-/// Sets up what tests of triangles need, with the inverse of directions along the longest axis.
+impl Way {
+    /// The way of a ray with a direction.
+    #[inline(always)]
+    fn of(direction: [f32; 3]) -> Way {
+        let own_axes = match longest(direction[0], direction[1], direction[2]) {
+            (true, _) => [1, 2, 0],
+            (_, true) => [2, 0, 1],
+            _ => [0, 1, 2],
+        };
+        let [x, y, z] = direction;
+        let is_backward = [x < 0.0, y < 0.0, z < 0.0];
+        Way {
+            own_axes: match is_backward[own_axes[2]] {
+                true => [own_axes[1], own_axes[0], own_axes[2]],
+                false => own_axes,
+            },
+            is_backward,
+        }
+    }
+
+    /// Which of the own axes an axis is.
+    #[inline(always)]
+    fn place_of(&self, axis: usize) -> usize {
+        let [first, second, _] = self.own_axes;
+        match axis {
+            _ if axis == first => 0,
+            _ if axis == second => 1,
+            _ => 2,
+        }
+    }
+
+    /// Lanes whose rays go this way.
+    #[inline(always)]
+    fn goes<V: Vector>(&self, v: V, d: [V::F; 3]) -> LaneMask {
+        let zero = v.splat(0.0);
+        let mut alike = longest_along(v, self.own_axes[2], d);
+        for (d, is_backward) in d.into_iter().zip(self.is_backward) {
+            let negative = LaneMask::from_bits(v.gt(zero, d));
+            alike &= match is_backward {
+                true => negative,
+                false => !negative,
+            };
+        }
+        alike
+    }
+}
+
+/// Sets up what tests of triangles need, but the inverse of directions along the longest axis.
 /// Returns which rays are of ordinary length.
 #[inline(always)]
-fn set_up_shear<V: Vector>(
-    v: V,
-    level_rays: &mut LevelRays,
-    own_axes: [usize; 3],
-    inverse: V::F,
-) -> LaneMask {
+fn set_up_shear<V: Vector>(v: V, level_rays: &mut LevelRays, own_axes: [usize; 3]) -> LaneMask {
     let direction_z = load_row(v, &level_rays.space_direction[own_axes[2]]);
     for k in 0..2 {
         let direction = load_row(v, &level_rays.space_direction[own_axes[k]]);
         store(v, v.div(direction, direction_z), &mut level_rays.shear[k]);
     }
-    store(v, negated(v, inverse), &mut level_rays.inverse_z);
     store(v, negated(v, direction_z), &mut level_rays.direction_z);
     let length = v.bits_to_f(sizes(v, direction_z));
     let is_short = v.ge(v.splat(*MODEST.end()), length);
@@ -227,11 +251,11 @@ impl Rays {
         unsafe {
             let v = K::V::new();
             let (o, d) = (load_three(v, &rays.origin), load_three(v, &rays.direction));
-            self.set_up::<K>((o, d), &rays.t_min, Some(origin_error), lanes)
+            self.set_up::<K>((o, d), &rays.t_min, Some(origin_error), (lanes, true))
         }
     }
 
-    /// The same for an instance that does not move.
+    /// The same for an instance that does not move; with or without bounds of all rays.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -240,7 +264,7 @@ impl Rays {
         &mut self,
         rays: &RayRows,
         record: &InstanceRecord,
-        lanes: LaneMask,
+        (lanes, has_bounds): (LaneMask, bool),
     ) -> LaneMask {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         unsafe {
@@ -256,7 +280,7 @@ impl Rays {
                 ];
                 (o, d) = (turn(v, to_object, from), turn(v, to_object, d));
             }
-            self.set_up::<K>((o, d), &rays.t_min, None, lanes)
+            self.set_up::<K>((o, d), &rays.t_min, None, (lanes, has_bounds))
         }
     }
 
@@ -272,11 +296,12 @@ impl Rays {
         (o, d): ([<K::V as Vector>::F; 3], [<K::V as Vector>::F; 3]),
         t_min: &Lanes,
         origin_error: Option<f32>,
-        lanes: LaneMask,
+        (lanes, has_bounds): (LaneMask, bool),
     ) -> LaneMask {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let v = unsafe { K::V::new() };
         self.hits_of = 0;
+        self.has_bounds = has_bounds;
         let first = lanes.first();
         let level_rays = &mut self.level_rays;
         for axis in 0..3 {
@@ -284,50 +309,112 @@ impl Rays {
             store(v, d[axis], &mut level_rays.space_direction[axis]);
         }
         let space = &level_rays.space_direction;
-        let direction = [space[0][first], space[1][first], space[2][first]];
-        let (own_axes, alike) = way(v, d, direction);
-        let alike = alike & lanes;
+        let way = Way::of([space[0][first], space[1][first], space[2][first]]);
+        let alike = way.goes(v, d) & lanes;
         if alike != lanes {
             return alike;
         }
-        if !(lanes - less(v, greatest_sizes(v, o), INFINITE)).is_empty() {
+        let reach = greatest_sizes(v, o);
+        if !(lanes - less(v, reach, INFINITE)).is_empty() {
             return LaneMask::NONE;
         }
-        let reach = v.bits_to_f(greatest_sizes(v, o));
-        let interval = &mut self.interval;
-        let (mut steepest, mut inverse) = (v.splat_i(0), v.splat(0.0));
-        for k in 0..3 {
-            let axis: usize = own_axes[k];
-            let is_backward = direction[axis] < 0.0;
-            let row = axis * 2 * ROW as usize + if is_backward { ROW as usize } else { 0 };
-            (self.near_rows[k], self.axes[k]) = (row, axis * AXIS as usize);
-            level_rays.near_rows[k] = [row as u32; PACKET];
-            level_rays.axes[k] = [axis as u32 * AXIS; PACKET];
-            let origin = load_row(v, &level_rays.space_origin[axis]);
-            inverse = v.div(v.splat(1.0), load_row(v, &level_rays.space_direction[axis]));
-            let near_inverse = v.mul(inverse, v.splat(-(1.0 - MARGIN)));
-            let far_inverse = v.mul(inverse, v.splat(-(1.0 + MARGIN)));
-            steepest = v.max_i(steepest, sizes(v, near_inverse));
-            store(v, near_inverse, &mut level_rays.near_inverse[k]);
-            store(v, far_inverse, &mut level_rays.far_inverse[k]);
-            let (near, far) = widened(v, origin, reach, origin_error, is_backward);
-            store(v, near, &mut level_rays.origin[k]);
-            store(v, far, &mut level_rays.far_origin[k]);
-            // Rays of a camera have one origin.
-            let one = level_rays.origin[k][first];
-            let others = v.ne_i(v.bits_of(near), v.bits_of(v.splat(one)));
+        let reach = v.bits_to_f(reach);
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+        let steep = unsafe {
+            // Written out, so that each has known places.
+            let x = self.set_up_axis::<K>(0, (o[0], d[0]), &way, (reach, origin_error), lanes);
+            let y = self.set_up_axis::<K>(1, (o[1], d[1]), &way, (reach, origin_error), lanes);
+            let z = self.set_up_axis::<K>(2, (o[2], d[2]), &way, (reach, origin_error), lanes);
+            v.max_i(x, v.max_i(y, z))
+        };
+        let level_rays = &mut self.level_rays;
+        let is_modest = set_up_shear(v, level_rays, way.own_axes);
+        let t_min = v.max(load_row(v, t_min), v.splat(0.0));
+        store(v, t_min, &mut level_rays.t_min);
+        if has_bounds {
             // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-            let [low, high] = unsafe {
-                (interval.near_origin[k], interval.far_origin[k]) = match (others, is_backward) {
-                    (0, _) => (one, level_rays.far_origin[k][first]),
-                    (_, true) => (K::least(near, lanes), K::greatest(far, lanes)),
-                    (_, false) => (K::greatest(near, lanes), K::least(far, lanes)),
-                };
-                [
-                    K::least(near_inverse, lanes),
-                    K::greatest(near_inverse, lanes),
-                ]
+            self.interval.t_min = unsafe { K::least(t_min, lanes) };
+        }
+        let is_sound = less(v, steep, STEEP.to_bits()) & is_modest;
+        match (lanes - is_sound).is_empty() {
+            true => lanes,
+            false => LaneMask::NONE,
+        }
+    }
+
+    /// Sets rays up along an axis of space. Returns how steep they are to its planes.
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    unsafe fn set_up_axis<K: PacketKernel>(
+        &mut self,
+        axis: usize,
+        (origin, direction): (<K::V as Vector>::F, <K::V as Vector>::F),
+        way: &Way,
+        (reach, origin_error): (<K::V as Vector>::F, Option<f32>),
+        lanes: LaneMask,
+    ) -> <K::V as Vector>::I {
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+        let v = unsafe { K::V::new() };
+        let (k, is_backward) = (way.place_of(axis), way.is_backward[axis]);
+        let row = axis * 2 * ROW as usize + if is_backward { ROW as usize } else { 0 };
+        (self.near_rows[k], self.axes[k]) = (row, axis * AXIS as usize);
+        let level_rays = &mut self.level_rays;
+        if K::BY_RAYS || self.has_bounds {
+            level_rays.axes[k] = [axis as u32 * AXIS; PACKET];
+        }
+        if K::BY_RAYS {
+            level_rays.near_rows[k] = [row as u32; PACKET];
+        }
+        let inverse = v.div(v.splat(1.0), direction);
+        let near_inverse = v.mul(inverse, v.splat(-(1.0 - MARGIN)));
+        let far_inverse = v.mul(inverse, v.splat(-(1.0 + MARGIN)));
+        store(v, near_inverse, &mut level_rays.near_inverse[k]);
+        store(v, far_inverse, &mut level_rays.far_inverse[k]);
+        if k == 2 {
+            store(v, negated(v, inverse), &mut level_rays.inverse_z);
+        }
+        let (near, far) = widened(v, origin, reach, origin_error, is_backward);
+        store(v, near, &mut level_rays.origin[k]);
+        store(v, far, &mut level_rays.far_origin[k]);
+        if self.has_bounds {
+            // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+            unsafe { self.set_bounds::<K>(k, (near, far), near_inverse, is_backward, lanes) };
+        }
+        sizes(v, near_inverse)
+    }
+
+    /// Finds the bounds of all rays along one of their own axes.
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    unsafe fn set_bounds<K: PacketKernel>(
+        &mut self,
+        k: usize,
+        (near, far): (<K::V as Vector>::F, <K::V as Vector>::F),
+        near_inverse: <K::V as Vector>::F,
+        is_backward: bool,
+        lanes: LaneMask,
+    ) {
+        let (interval, level_rays) = (&mut self.interval, &self.level_rays);
+        // Rays of a camera have one origin.
+        let first = lanes.first();
+        let one = level_rays.origin[k][first];
+        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
+        unsafe {
+            let v = K::V::new();
+            let others = v.ne_i(v.bits_of(near), v.bits_of(v.splat(one)));
+            (interval.near_origin[k], interval.far_origin[k]) = match (others, is_backward) {
+                (0, _) => (one, level_rays.far_origin[k][first]),
+                (_, true) => (K::least(near, lanes), K::greatest(far, lanes)),
+                (_, false) => (K::greatest(near, lanes), K::least(far, lanes)),
             };
+            let [low, high] = [
+                K::least(near_inverse, lanes),
+                K::greatest(near_inverse, lanes),
+            ];
             interval.near_inverse[k] = [low, high];
             // Those of far planes are larger by two margins and some roundings.
             let wider = 1.0 + 4.0 * MARGIN;
@@ -335,16 +422,6 @@ impl Rays {
                 true => [low, high * wider],
                 false => [low * wider, high],
             };
-        }
-        let is_modest = set_up_shear(v, level_rays, own_axes, inverse);
-        let t_min = v.max(load_row(v, t_min), v.splat(0.0));
-        store(v, t_min, &mut level_rays.t_min);
-        // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
-        interval.t_min = unsafe { K::least(t_min, lanes) };
-        let is_sound = less(v, steepest, STEEP.to_bits()) & is_modest;
-        match (lanes - is_sound).is_empty() {
-            true => lanes,
-            false => LaneMask::NONE,
         }
     }
 }

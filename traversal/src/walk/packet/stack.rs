@@ -22,8 +22,15 @@ impl Stack {
     };
 
     /// Nothing but the root.
+    #[inline]
     pub(super) fn start(&mut self, lanes: LaneMask) {
-        self.entries[0] = Entry::ROOT;
+        self.start_at(Entry::ROOT, lanes);
+    }
+
+    /// Nothing but an entry.
+    #[inline]
+    pub(super) fn start_at(&mut self, entry: Entry, lanes: LaneMask) {
+        self.entries[0] = entry;
         self.lanes[0] = lanes;
         self.length = 1;
     }

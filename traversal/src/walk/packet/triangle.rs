@@ -1,12 +1,12 @@
-//! Sixteen rays and a triangle.
-
-use std::arch::x86_64::*;
+//! A packet's rays and a triangle, a register of rays at a time.
 
 use lanes::LaneMask;
 
-use super::rays::{Rays, load, store};
+use super::rays::Rays;
+use super::register::{Register, lanes_of, rays_of};
 use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, TriangleGroup, child};
 use crate::structure::Structure;
+use crate::walk::PACKET;
 use crate::walk::block;
 use crate::walk::edge_side::Rim;
 use crate::walk::found::Found;
@@ -17,37 +17,47 @@ use crate::walk::triangle::{Intersection, ORDINARY, intersect, rounding};
 use crate::walk::triangle_ray::LaneOf;
 
 /// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where
-/// those are fewer.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn test_leaf(
+/// that takes less.
+///
+/// # Safety
+/// The machine has the register's instruction set, here and below.
+#[inline(always)]
+pub(super) unsafe fn test_leaf<R: Register>(
     rays: &Rays,
     structure: &Structure,
-    word: u32,
-    lanes: LaneMask,
+    (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
 ) {
     let mut room = None;
-    let Some((groups, there)) = block::leaf_groups(structure, word, &mut room) else {
-        return;
-    };
-    let first_slot = structure.first_slot(word & child::INDEX);
-    let mut rest = there & rays.test_triangles(groups, t_far);
-    if 2 * lanes.count() <= rest.count_ones() {
-        return test_singly(rays, structure, groups, there, first_slot, lanes, found);
-    }
-    while rest != 0 {
-        let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
-        rest &= rest - 1;
-        let place = (groups[i / GROUP], i % GROUP);
-        test_triangle(rays, structure, place, first_slot + i as u32, lanes, found);
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe {
+        let Some((groups, there)) = block::leaf_groups(structure, word, &mut room) else {
+            return;
+        };
+        let first_slot = structure.first_slot(word & child::INDEX);
+        let mut rest = there;
+        if rays.has_bounds {
+            rest &= rays.test_triangles(groups, t_far);
+        }
+        if rays.has_bounds && !R::is_by_triangles(rest.count_ones(), lanes.count()) {
+            return test_singly(rays, structure, groups, there, first_slot, lanes, found);
+        }
+        while rest != 0 {
+            let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
+            rest &= rest - 1;
+            let place = (groups[i / GROUP], i % GROUP);
+            test_triangle::<R>(rays, structure, place, first_slot + i as u32, lanes, found);
+        }
     }
 }
 
 /// All triangles of a leaf at once, one ray after the other.
-#[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-fn test_singly(
+///
+/// # Safety
+/// The machine has the instruction set.
+#[inline(always)]
+unsafe fn test_singly(
     rays: &Rays,
     structure: &Structure,
     groups: [&TriangleGroup; 2],
@@ -58,20 +68,11 @@ fn test_singly(
 ) {
     let mut hits = GroupHits::NONE;
     for lane in lanes {
-        let interval = [rays.level_rays.t_min[lane], found.t[lane]];
-        // SAFETY: the machine has AVX2.
-        let mut mask = unsafe {
-            group::intersect(
-                LaneOf {
-                    level_rays: &rays.level_rays,
-                    lane,
-                },
-                groups,
-                there,
-                interval,
-                &mut hits,
-            )
-        };
+        let level_rays = &rays.level_rays;
+        let interval = [level_rays.t_min[lane], found.t[lane]];
+        let ray = LaneOf { level_rays, lane };
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        let mut mask = unsafe { group::intersect(ray, groups, there, interval, &mut hits) };
         while mask != 0 {
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
             mask &= mask - 1;
@@ -85,24 +86,33 @@ fn test_singly(
     }
 }
 
-type ShearedRow = (__m512, __m512, __m512);
+/// A vertex as rays see it: moved and sheared.
+#[derive(Clone, Copy)]
+struct Sheared<R> {
+    x: R,
+    y: R,
+    z: R,
+}
 
-/// Where rays meet a triangle: after the lower ends of their intervals, and not surely after the
-/// upper ones.
-pub(super) struct TriangleHits {
+/// Where rays of a part meet a triangle: after the lower ends of their intervals, and not surely
+/// after the upper ones.
+pub(super) struct TriangleHits<R> {
     /// Those that meet it inside, for sure.
-    pub lanes: LaneMask,
+    pub rays: u32,
     /// Those for which that is to be found out one by one.
-    pub undecided: LaneMask,
-    pub t: __m512,
+    pub undecided: u32,
+    pub t: R,
     /// Of the second and the third vertex.
-    pub weights: [__m512; 2],
-    pub front: LaneMask,
+    pub weights: [R; 2],
+    pub front: u32,
 }
 
 /// Tests an opaque triangle.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn test_triangle(
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+pub(super) unsafe fn test_triangle<R: Register>(
     rays: &Rays,
     structure: &Structure,
     place: (&TriangleGroup, usize),
@@ -110,208 +120,259 @@ pub(super) fn test_triangle(
     lanes: LaneMask,
     found: &mut Found,
 ) {
-    let t_far = load(&found.t);
-    let Some(meeting) = intersect_triangle(rays, place, lanes, t_far) else {
-        return;
-    };
-    take_hits(structure, slot, &meeting, t_far, found);
-    if !meeting.undecided.is_empty() {
+    let mut undecided = LaneMask::NONE;
+    for part in 0..PACKET / R::RAYS {
+        // SAFETY: the caller guarantees that the machine has the instruction set.
+        unsafe {
+            let here = (part, rays_of::<R>(lanes, part));
+            let t_far = R::load(&found.t, part);
+            let Some(meeting) = intersect_triangle(rays, place, here, t_far) else {
+                continue;
+            };
+            take_hits(structure, slot, &meeting, (part, t_far), found);
+            undecided |= lanes_of::<R>(meeting.undecided, part);
+        }
+    }
+    if !undecided.is_empty() {
         let triangle = place.0.triangle(place.1);
-        test_exactly(rays, structure, &triangle, slot, meeting.undecided, found);
+        test_exactly(rays, structure, &triangle, slot, undecided, found);
     }
 }
 
 /// Takes hits that are certainly inside a triangle, where they win over the hits so far. `t_far`:
 /// the distances of that.
-#[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn take_hits(
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+pub(super) unsafe fn take_hits<R: Register>(
     structure: &Structure,
     slot: u32,
-    meeting: &TriangleHits,
-    t_far: __m512,
+    meeting: &TriangleHits<R>,
+    (part, t_far): (usize, R),
     found: &mut Found,
 ) {
-    let (accepted, t) = (meeting.lanes.bits(), meeting.t);
-    let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
-    let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit.bits();
-    if ties != 0 {
-        nearer |= (found.won_ties(structure, slot, LaneMask::from_bits(ties))).bits();
-    }
-    if nearer != 0 {
-        store(&mut found.t, _mm512_mask_blend_ps(nearer, t_far, t));
-        for (place, weight) in found.barycentrics.iter_mut().zip(meeting.weights) {
-            let weights = _mm512_mask_blend_ps(nearer, load(place), weight);
-            store(place, weights);
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe {
+        let (accepted, t) = (meeting.rays, meeting.t);
+        let mut nearer = accepted & t.lt(t_far);
+        let ties = accepted & t.eq(t_far) & rays_of::<R>(found.hit, part);
+        if ties != 0 {
+            let won = found.won_ties(structure, slot, lanes_of::<R>(ties, part));
+            nearer |= rays_of::<R>(won, part);
         }
-        // SAFETY: sixteen words.
-        unsafe {
-            let slots = found.slots.as_mut_ptr().cast();
-            _mm512_mask_storeu_epi32(slots, nearer, _mm512_set1_epi32(slot as i32));
-            let instances = found.instances.as_mut_ptr().cast();
-            let instance = _mm512_set1_epi32(found.instance as i32);
-            _mm512_mask_storeu_epi32(instances, nearer, instance);
+        if nearer != 0 {
+            t.pick(t_far, nearer).store(&mut found.t, part);
+            for (row, weight) in found.barycentrics.iter_mut().zip(meeting.weights) {
+                let weights = weight.pick(R::load(row, part), nearer);
+                weights.store(row, part);
+            }
+            R::put_word(&mut found.slots, slot, part, nearer);
+            R::put_word(&mut found.instances, found.instance, part, nearer);
+            let front = lanes_of::<R>(meeting.front, part);
+            found.mark(lanes_of::<R>(nearer, part), front);
         }
-        found.mark(LaneMask::from_bits(nearer), meeting.front);
     }
 }
 
-/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray;
-/// `None` if no ray meets the triangle.
-#[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) fn intersect_triangle(
+/// A coordinate of a vertex, as seen from the rays' origins.
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+unsafe fn moved<R: Register>(
     rays: &Rays,
-    (group, i): (&TriangleGroup, usize),
-    lanes: LaneMask,
-    t_far: __m512,
-) -> Option<TriangleHits> {
-    let level_rays = &rays.level_rays;
-    let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
-    let moved = |vertex: usize, k: usize| {
-        _mm512_sub_ps(
-            load(&level_rays.origin[k]),
-            _mm512_set1_ps(group.vertices[vertex][axes[k]][i]),
-        )
-    };
-    let (shear_x, shear_y) = (load(&level_rays.shear[0]), load(&level_rays.shear[1]));
-    let flat = |vertex: usize| -> ShearedRow {
-        let z = moved(vertex, 2);
-        (
-            _mm512_sub_ps(moved(vertex, 0), _mm512_mul_ps(shear_x, z)),
-            _mm512_sub_ps(moved(vertex, 1), _mm512_mul_ps(shear_y, z)),
-            z,
-        )
-    };
-    let edge = |p: ShearedRow, q: ShearedRow| {
-        _mm512_sub_ps(_mm512_mul_ps(p.0, q.1), _mm512_mul_ps(p.1, q.0))
-    };
-    let (a, b, c) = (flat(0), flat(1), flat(2));
-    let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-    let least = _mm512_min_ps(u, _mm512_min_ps(v, w));
-    let most = _mm512_max_ps(u, _mm512_max_ps(v, w));
-    let distance = _mm512_abs_ps(a.2);
-    let rise = _mm512_mul_ps(distance, _mm512_set1_ps(MARGIN_RISE));
-    let error = _mm512_mul_ps(
-        _mm512_add_ps(distance, _mm512_set1_ps(group.margin.reach)),
-        _mm512_add_ps(_mm512_set1_ps(group.margin.slope), rise),
-    );
-    let minus_error = _mm512_xor_ps(error, _mm512_set1_ps(-0.0));
-    let outside = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(least, minus_error)
-        & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(most, error);
-    let inside = !outside & lanes.bits();
-    if inside == 0 {
-        return None;
-    }
-    let front = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(least, error);
-    let back = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(most, minus_error);
-    let whole = _mm512_add_ps(_mm512_add_ps(u, v), w);
-    let size = _mm512_abs_ps(whole);
-    let ordinary = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(size, _mm512_set1_ps(ORDINARY[0]))
-        & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(size, _mm512_set1_ps(ORDINARY[1]));
-    let decided = (front | back) & ordinary & inside;
+    k: usize,
+    vertex: &[[f32; GROUP]; 3],
+    i: usize,
+    part: usize,
+) -> R {
+    let axis = rays.axes[k] / AXIS as usize % 3;
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe { R::load(&rays.level_rays.origin[k], part).sub(R::splat(vertex[axis][i])) }
+}
 
-    let inverse_whole = _mm512_div_ps(_mm512_set1_ps(1.0), whole);
-    let size = _mm512_abs_ps(inverse_whole);
-    let weights = [
-        _mm512_mul_ps(v, inverse_whole),
-        _mm512_mul_ps(w, inverse_whole),
-    ];
-    let [v, w] = weights;
-    let t = _mm512_add_ps(
-        _mm512_mul_ps(v, _mm512_sub_ps(b.2, a.2)),
-        _mm512_mul_ps(w, _mm512_sub_ps(c.2, a.2)),
-    );
-    let z_hit = _mm512_add_ps(a.2, t);
-    let inverse_z = load(&level_rays.inverse_z);
-    let t = _mm512_mul_ps(z_hit, inverse_z);
-    let room = _mm512_mul_ps(
-        _mm512_mul_ps(_mm512_mul_ps(error, size), _mm512_abs_ps(inverse_z)),
-        _mm512_set1_ps(1.5 * group.margin.reach),
-    );
-    let apart = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, room), load(&level_rays.t_min))
-        | _mm512_cmp_ps_mask::<_CMP_GT_OQ>(_mm512_sub_ps(t, room), t_far);
-    let inside = inside & !(decided & apart);
-    if inside == 0 {
-        return None;
-    }
-    let u = _mm512_mul_ps(u, inverse_whole);
-    let z_mean = _mm512_add_ps(
-        _mm512_add_ps(
-            _mm512_mul_ps(u, _mm512_abs_ps(a.2)),
-            _mm512_mul_ps(v, _mm512_abs_ps(b.2)),
-        ),
-        _mm512_mul_ps(w, _mm512_abs_ps(c.2)),
-    );
-    let (width, height) = (extent(a.0, b.0, c.0), extent(a.1, b.1, c.1));
-    let tiny = _mm512_set1_ps(rounding::LEAST);
-    let factor = |shear| {
-        let factor = _mm512_mul_ps(_mm512_abs_ps(shear), _mm512_set1_ps(rounding::SHEAR));
-        _mm512_add_ps(factor, tiny)
-    };
-    let move_x = _mm512_add_ps(_mm512_mul_ps(z_mean, factor(shear_x)), tiny);
-    let move_y = _mm512_add_ps(_mm512_mul_ps(z_mean, factor(shear_y)), tiny);
-    let sheared = _mm512_add_ps(_mm512_mul_ps(height, move_x), _mm512_mul_ps(width, move_y));
-    let moved = _mm512_add_ps(
-        _mm512_mul_ps(
-            _mm512_mul_ps(width, height),
-            _mm512_set1_ps(rounding::WIDTH),
-        ),
-        sheared,
-    );
-    let weight_error = _mm512_add_ps(
-        _mm512_mul_ps(size, moved),
-        _mm512_set1_ps(rounding::WEIGHTS),
-    );
-    let z_error = _mm512_add_ps(
-        _mm512_mul_ps(extent(a.2, b.2, c.2), weight_error),
-        _mm512_add_ps(
-            _mm512_mul_ps(z_mean, _mm512_set1_ps(rounding::DISTANCE)),
-            tiny,
-        ),
-    );
-    let limit = _mm512_mul_ps(_mm512_set1_ps(level_rays.tolerance), _mm512_abs_ps(z_hit));
-    let precise = decided
-        & inside
-        & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(z_error, limit)
-        & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(weight_error, _mm512_set1_ps(rounding::MOST));
-    let t = _mm512_div_ps(z_hit, load(&level_rays.direction_z));
-    let mut near = _mm512_set1_ps(f32::NEG_INFINITY);
-    let mut far = _mm512_set1_ps(f32::INFINITY);
-    for k in 0..3 {
-        let [a, b, c] = [0, 1, 2].map(|vertex: usize| group.vertices[vertex][axes[k]][i]);
-        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let (first, last) = if rays.is_backward(k) {
-            (high, low)
-        } else {
-            (low, high)
-        };
-        let origin = load(&level_rays.origin[k]);
-        let enter = _mm512_sub_ps(origin, _mm512_set1_ps(first));
-        let leave = _mm512_sub_ps(origin, _mm512_set1_ps(last));
-        near = _mm512_max_ps(
-            _mm512_mul_ps(enter, load(&level_rays.near_inverse[k])),
-            near,
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+unsafe fn sheared<R: Register>(
+    rays: &Rays,
+    vertex: &[[f32; GROUP]; 3],
+    i: usize,
+    part: usize,
+) -> Sheared<R> {
+    let [shear_x, shear_y] = &rays.level_rays.shear;
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe {
+        let z: R = moved(rays, 2, vertex, i, part);
+        let (x, y): (R, R) = (
+            moved(rays, 0, vertex, i, part),
+            moved(rays, 1, vertex, i, part),
         );
-        far = _mm512_min_ps(_mm512_mul_ps(leave, load(&level_rays.far_inverse[k])), far);
+        Sheared {
+            x: x.sub(R::load(shear_x, part).mul(z)),
+            y: y.sub(R::load(shear_y, part).mul(z)),
+            z,
+        }
     }
-    let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
-    let accepted = precise & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&level_rays.t_min));
-    Some(TriangleHits {
-        lanes: LaneMask::from_bits(accepted),
-        undecided: LaneMask::from_bits(inside & !precise),
-        t,
-        weights,
-        front: LaneMask::from_bits(front),
-    })
+}
+
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+unsafe fn edge<R: Register>(p: Sheared<R>, q: Sheared<R>) -> R {
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe { p.x.mul(q.y).sub(p.y.mul(q.x)) }
 }
 
 /// From the least to the greatest of three.
-#[inline]
-#[target_feature(enable = "avx512f")]
-fn extent(a: __m512, b: __m512, c: __m512) -> __m512 {
-    let most = _mm512_max_ps(_mm512_max_ps(a, b), c);
-    _mm512_sub_ps(most, _mm512_min_ps(_mm512_min_ps(a, b), c))
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+unsafe fn extent<R: Register>(a: R, b: R, c: R) -> R {
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe { a.max(b).max(c).sub(a.min(b).min(c)) }
+}
+
+/// How far off weights and distances along the rays' own axis may be, where weights and one over
+/// the sum of edge functions are these; see [`rounding`].
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+unsafe fn errors<R: Register>(
+    rays: &Rays,
+    [a, b, c]: [Sheared<R>; 3],
+    [u, v, w]: [R; 3],
+    size: R,
+    part: usize,
+) -> [R; 2] {
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe {
+        let z_mean = u.mul(a.z.abs()).add(v.mul(b.z.abs())).add(w.mul(c.z.abs()));
+        let (width, height) = (extent(a.x, b.x, c.x), extent(a.y, b.y, c.y));
+        let tiny = R::splat(rounding::LEAST);
+        let [shear_x, shear_y] = &rays.level_rays.shear;
+        let per_shear = R::splat(rounding::SHEAR);
+        let factor_x = R::load(shear_x, part).abs().mul(per_shear).add(tiny);
+        let factor_y = R::load(shear_y, part).abs().mul(per_shear).add(tiny);
+        let move_x = z_mean.mul(factor_x).add(tiny);
+        let move_y = z_mean.mul(factor_y).add(tiny);
+        let sheared = height.mul(move_x).add(width.mul(move_y));
+        let moved = width
+            .mul(height)
+            .mul(R::splat(rounding::WIDTH))
+            .add(sheared);
+        let weight_error = size.mul(moved).add(R::splat(rounding::WEIGHTS));
+        let far = z_mean.mul(R::splat(rounding::DISTANCE)).add(tiny);
+        let z_error = extent(a.z, b.z, c.z).mul(weight_error).add(far);
+        [weight_error, z_error]
+    }
+}
+
+/// Distances, moved into the intervals in which rays are in the triangle's box.
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+unsafe fn clamped<R: Register>(
+    rays: &Rays,
+    (group, i): (&TriangleGroup, usize),
+    t: R,
+    part: usize,
+) -> R {
+    let level_rays = &rays.level_rays;
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe {
+        let mut near = R::splat(f32::NEG_INFINITY);
+        let mut far = R::splat(f32::INFINITY);
+        for k in 0..3 {
+            let axis = rays.axes[k] / AXIS as usize % 3;
+            let [first, second, third] = &group.vertices;
+            let (a, b, c) = (first[axis][i], second[axis][i], third[axis][i]);
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            let (first, last) = match rays.is_backward(k) {
+                true => (high, low),
+                false => (low, high),
+            };
+            let origin = R::load(&level_rays.origin[k], part);
+            let enter = origin.sub(R::splat(first));
+            let leave = origin.sub(R::splat(last));
+            near = (enter.mul(R::load(&level_rays.near_inverse[k], part))).max(near);
+            far = (leave.mul(R::load(&level_rays.far_inverse[k], part))).min(far);
+        }
+        t.max(near).min(far)
+    }
+}
+
+/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray, for
+/// some rays of a part; `None` if no ray meets the triangle.
+///
+/// # Safety
+/// The machine has the register's instruction set.
+#[inline(always)]
+pub(super) unsafe fn intersect_triangle<R: Register>(
+    rays: &Rays,
+    (group, i): (&TriangleGroup, usize),
+    (part, here): (usize, u32),
+    t_far: R,
+) -> Option<TriangleHits<R>> {
+    if here == 0 {
+        return None;
+    }
+    let level_rays = &rays.level_rays;
+    // SAFETY: the caller guarantees that the machine has the instruction set.
+    unsafe {
+        let [first, second, third] = &group.vertices;
+        let a: Sheared<R> = sheared(rays, first, i, part);
+        let b: Sheared<R> = sheared(rays, second, i, part);
+        let c: Sheared<R> = sheared(rays, third, i, part);
+        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+        let (least, most) = (u.min(v.min(w)), u.max(v.max(w)));
+        let distance = a.z.abs();
+        let slope = R::splat(group.margin.slope).add(distance.mul(R::splat(MARGIN_RISE)));
+        let error = distance.add(R::splat(group.margin.reach)).mul(slope);
+        let minus_error = error.negated();
+        let inside = here & !(least.lt(minus_error) & error.lt(most));
+        if inside == 0 {
+            return None;
+        }
+        let (front, back) = (error.lt(least), most.lt(minus_error));
+        let whole = u.add(v).add(w);
+        let size = whole.abs();
+        let ordinary = R::splat(ORDINARY[0]).lt(size) & size.lt(R::splat(ORDINARY[1]));
+        let decided = (front | back) & ordinary & inside;
+
+        let inverse_whole = R::splat(1.0).div(whole);
+        let size = inverse_whole.abs();
+        let (v, w) = (v.mul(inverse_whole), w.mul(inverse_whole));
+        let along = v.mul(b.z.sub(a.z)).add(w.mul(c.z.sub(a.z)));
+        let z_hit = a.z.add(along);
+        let inverse_z = R::load(&level_rays.inverse_z, part);
+        let t = z_hit.mul(inverse_z);
+        let room = (error.mul(size).mul(inverse_z.abs())).mul(R::splat(1.5 * group.margin.reach));
+        let t_min = R::load(&level_rays.t_min, part);
+        let apart = t.add(room).le(t_min) | t_far.lt(t.sub(room));
+        let inside = inside & !(decided & apart);
+        if inside == 0 {
+            return None;
+        }
+        let u = u.mul(inverse_whole);
+        let [weight_error, z_error] = errors(rays, [a, b, c], [u, v, w], size, part);
+        let limit = R::splat(level_rays.tolerance).mul(z_hit.abs());
+        let narrow = weight_error.lt(R::splat(rounding::MOST));
+        let precise = decided & inside & z_error.le(limit) & narrow;
+        let t = z_hit.div(R::load(&level_rays.direction_z, part));
+        let t = clamped(rays, (group, i), t, part);
+        Some(TriangleHits {
+            rays: precise & t_min.lt(t),
+            undecided: inside & !precise,
+            t,
+            weights: [v, w],
+            front,
+        })
+    }
 }
 
 /// One ray after the other, where rays meet edges and vertices.

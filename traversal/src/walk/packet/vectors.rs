@@ -1,25 +1,8 @@
-//! Operations on rows in packets with AVX2: [`portable`](super::portable) in vectors, which
-//! compilers do not make of loops with masks.
+//! Operations on rows in packets with AVX2.
 
 use std::arch::x86_64::*;
 
 use lanes::LaneMask;
-
-/// Which of eight numbers are not greater than others.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-pub(super) unsafe fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) -> u32 {
-    // SAFETY: the caller guarantees that the machine has AVX2; eight numbers each.
-    unsafe {
-        let (one, other) = (
-            _mm256_loadu_ps(numbers.as_ptr()),
-            _mm256_loadu_ps(others.as_ptr()),
-        );
-        _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(one, other)) as u32
-    }
-}
 
 /// The numbers of some lanes, and something else in the others.
 ///
