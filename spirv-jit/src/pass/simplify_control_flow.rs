@@ -1,6 +1,7 @@
 //! Removes unnecessary constructs: constant conditions, blocks with a single exit at their end,
 //! loops without a back-edge, unreachable code after a construct, blocks around an `if` that
-//! decides which lanes leave them, and `if`s so small that both sides cost less than the branch.
+//! decides which lanes leave them or leave them early, and `if`s so small that both sides cost less
+//! than the branch.
 
 use smallvec::smallvec;
 
@@ -329,6 +330,10 @@ impl Simplifier {
             self.become_if(label, results, *body, out);
             return Flow::On;
         }
+        if let Some(at) = self.early_exit(label, &body) {
+            self.move_rest(label, results, *body, at, out);
+            return Flow::On;
+        }
         match &mut body.end {
             Terminator::Br(target, args)
                 if *target == label && self.branches[label.index()] == 1 =>
@@ -396,6 +401,75 @@ impl Simplifier {
             *results = own_results;
         }
         out.append(&mut nodes);
+    }
+
+    /// The `if` in a block with one side that leaves the block and another that continues behind
+    /// the `if`, where the rest of the block leads to its end, too. Nothing else branches to either
+    /// label.
+    fn early_exit(&self, own: Label, body: &Body) -> Option<usize> {
+        let leads =
+            |body: &Body, to: Label| matches!(body.end, Terminator::Br(label, _) if label == to);
+        if self.branches[own.index()] != 2 || !leads(body, own) {
+            return None;
+        }
+        (body.nodes.iter()).position(|node| match node {
+            Node::If {
+                label,
+                results,
+                then_body,
+                else_body,
+                ..
+            } => {
+                let divides = leads(then_body, own) && leads(else_body, *label)
+                    || leads(then_body, *label) && leads(else_body, own);
+                divides && results.is_empty() && self.branches[label.index()] == 1
+            }
+            _ => false,
+        })
+    }
+
+    /// Replaces a block with its [`if` that leaves it early](Self::early_exit), and moves the rest
+    /// of the block to the side that continues. Small sides become selects.
+    fn move_rest(
+        &mut self,
+        own: Label,
+        mut own_results: Vec<Value>,
+        mut body: Body,
+        at: usize,
+        out: &mut Vec<Node>,
+    ) {
+        let mut nodes = std::mem::take(&mut body.nodes);
+        let end = std::mem::replace(&mut body.end, Terminator::Unreachable);
+        let rest = nodes.split_off(at + 1);
+        let decider = nodes.pop();
+        out.append(&mut nodes);
+        let Some(Node::If {
+            condition,
+            label,
+            mut then_body,
+            mut else_body,
+            ..
+        }) = decider
+        else {
+            return;
+        };
+        let side = match &then_body.end {
+            Terminator::Br(target, _) if *target == label => &mut then_body,
+            _ => &mut else_body,
+        };
+        side.nodes.extend(rest);
+        side.end = end;
+        self.branches[label.index()] -= 1;
+        let results = &mut own_results;
+        if !self.flatten(condition, own, results, &mut then_body, &mut else_body, out) {
+            out.push(Node::If {
+                condition,
+                label: own,
+                results: own_results,
+                then_body,
+                else_body,
+            });
+        }
     }
 
     /// Replaces an `if` with both sides and selects, if that is cheaper. Returns whether it did.
