@@ -98,6 +98,31 @@ pub(super) trait Gather: Tier + Sized {
         offsets: &Row,
         rows: RowPointers<N>,
     );
+
+    /// Loads two or four words for each lane, which lie one behind another, one lane's behind
+    /// another's. False if the tier has nothing better than [`Self::load_apart`].
+    ///
+    /// # Safety
+    /// There are as many words at the address; the rows are a frame's.
+    #[inline(always)]
+    unsafe fn load_neighbours<const N: usize>(_at: *const u8, _rows: RowPointers<N>) -> bool {
+        false
+    }
+
+    /// Stores two or four words of each lane in that order. False as above.
+    ///
+    /// # Safety
+    /// As there.
+    #[inline(always)]
+    unsafe fn store_neighbours<const N: usize>(_at: *mut u8, _rows: RowPointers<N>) -> bool {
+        false
+    }
+}
+
+/// Whether scalars of neighbouring lanes are words that [`Gather::load_neighbours`] and
+/// [`Gather::store_neighbours`] take.
+const fn are_neighbours<T>(count: usize) -> bool {
+    size_of::<T>() == 4 && matches!(count, 2 | 4)
 }
 
 /// The highest offset that scalars of `total` bytes together may have in `size_bytes` bytes.
@@ -159,6 +184,9 @@ pub(super) unsafe fn load<G: Gather, T: Lane, const N: usize>(
             Layout::Run if N == 1 || total == 4 => {
                 load_run::<T, N>(base.add(offsets[0] as usize), rows);
             }
+            Layout::Run
+                if are_neighbours::<T>(N)
+                    && G::load_neighbours(base.add(offsets[0] as usize), rows) => {}
             Layout::Run | Layout::Apart => {
                 // Hidden: single offsets would be taken out of the vectors that were looked at,
                 // which costs more than to load them again.
@@ -208,6 +236,9 @@ pub(super) unsafe fn store<G: Gather, T: Lane, const N: usize>(
                 store_singly::<T, N>(base, offsets, rows, inside);
             }
             Layout::Run if N == 1 => store_run::<T>(base.add(offsets[0] as usize), rows[0]),
+            Layout::Run
+                if are_neighbours::<T>(N)
+                    && G::store_neighbours(base.add(offsets[0] as usize), rows) => {}
             _ => {
                 // As in `load`.
                 let offsets = std::hint::black_box(offsets as *const Row);

@@ -12,7 +12,7 @@ use crate::interp::tier::Portable;
 use crate::interp::tier::{Avx2, Avx512};
 
 /// Bytes that lanes load from.
-const SIZE_BYTES: usize = 203;
+const SIZE_BYTES: usize = 311;
 
 /// Scalars of one access, at most.
 const MOST: usize = 16;
@@ -265,7 +265,7 @@ fn straddling<G: Gather>() {
             15,
             16,
             200,
-            203,
+            311,
             (1 << 32) - 3,
             1 << 32,
             1 << 40,
