@@ -59,6 +59,8 @@ pub(super) enum Form {
     Extended(u8),
     /// `a * b + c`.
     MultiplyAdd,
+    /// `reg = op(vvvv, rm)` between registers, rounded in this way. AVX-512 only.
+    Rounding(u8),
     /// `condition ? a : b`.
     Blend,
     /// On mask registers; of two operands, or of one.
@@ -84,13 +86,11 @@ pub(super) enum Form {
     /// `reg = op(vvvv, rm)` of the second and the third operand in lanes of the first, zeros
     /// elsewhere. AVX-512 only.
     Zeroing,
-    /// `rm = op(reg)` of the second operand in lanes of the first, zeros elsewhere. AVX-512 only.
-    ReverseZeroing,
     /// All lanes or none, from a condition: see [`Vote`].
     OfVote(Vote),
     /// A bit for each lane of a condition, or of two halves' conditions, in each lane of a vector.
     OfBits,
-    /// In each lane the number of the first lane of two halves' conditions. AVX2 only.
+    /// In each lane the number of the first lane of a condition, or of two halves' conditions.
     OfFirst,
     /// In all lanes `op` of all lanes of a register, or of two halves, one after another.
     InOrder,
@@ -147,6 +147,7 @@ impl Form {
                 | Reverse
                 | Extended(_)
                 | MultiplyAdd
+                | Rounding(_)
                 | Blend
                 | OfMasks
         )
@@ -433,6 +434,7 @@ impl<'a> Allocation<'a> {
             Form::Unary | Form::Registers => vector((to, 0, a), 0, step.immediate),
             Form::Reverse => vector((register(a), 0, Operand::Register(to)), 0, step.immediate),
             Form::Extended(number) => vector((number, to, a), 0, step.immediate),
+            Form::Rounding(how) => self.assembler.rounding(step.op, (to, register(a), b), how),
             Form::Blend if encoding == Encoding::Evex => {
                 vector((to, register(c), b), register(a), step.immediate);
             }
@@ -455,16 +457,15 @@ impl<'a> Allocation<'a> {
                 }
             }
             Form::Zeroing => vector((to, register(b), c), register(a) | ZEROING, step.immediate),
-            Form::ReverseZeroing => {
-                let to = Operand::Register(to);
-                vector((register(b), 0, to), register(a) | ZEROING, step.immediate);
-            }
             Form::OfVote(vote) => self.vote(to, register(a), vote),
             Form::OfBits => {
                 let lanes = [a, b].map(register);
                 self.bits(to, &lanes[..step.count]);
             }
-            Form::OfFirst => self.first_lane(to, [register(a), register(b)]),
+            Form::OfFirst => {
+                let lanes = [a, b].map(register);
+                self.first_lane(to, &lanes[..step.count]);
+            }
             Form::Gather(spread) => {
                 let steps = (step.count == 3).then_some((spread, c));
                 return self.gather(step, to, [register(a), register(b)], steps);

@@ -113,6 +113,11 @@ pub(super) const ZEROING: u8 = 0x80;
 /// `rbx`, which holds nothing between two steps.
 pub(super) const SCRATCH_WORD: Register = 3;
 
+/// How [`Assembler::rounding`] rounds.
+pub(super) const DOWN: u8 = 1;
+pub(super) const UP: u8 = 2;
+pub(super) const TOWARDS_ZERO: u8 = 3;
+
 /// Conditions of jumps.
 pub(super) const OVERFLOW: u8 = 0;
 pub(super) const ZERO: u8 = 4;
@@ -153,6 +158,15 @@ impl Assembler {
             Encoding::Vex => self.vex(op, (reg, second, rm), true, immediate),
             Encoding::Evex => self.evex(op, (reg, second, rm), (mask, 64), immediate),
         }
+    }
+
+    /// An instruction on registers that rounds as `how` says. AVX-512 only.
+    pub fn rounding(&mut self, op: Opcode, operands: (Register, Register, Operand), how: u8) {
+        let prefix = self.bytes.len();
+        self.evex(op, operands, (0, 64), None);
+        // The bits of the vectors' length tell how, beside the bit that says so.
+        let byte = &mut self.bytes[prefix + 3];
+        *byte = *byte & !(0b11 << 5) | how << 5 | 1 << 4;
     }
 
     /// An instruction on mask registers.

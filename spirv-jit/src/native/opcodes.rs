@@ -127,8 +127,6 @@ pub(super) const PSHUFD: Opcode = opcode(F, X66, 0, 0x70);
 pub(super) const SHUFFLE_QUARTERS: Opcode = opcode(F3A, X66, 1, 0x43);
 /// Words from so many places behind the second operand's start on, the first operand behind it.
 pub(super) const ALIGND: Opcode = opcode(F3A, X66, 0, 0x03);
-/// Words of some lanes, one behind another.
-pub(super) const PCOMPRESSD: Opcode = opcode(F38, X66, 0, 0x8b);
 pub(super) const PBROADCASTD: Opcode = opcode(F38, X66, 0, 0x58);
 /// From a general register.
 pub(super) const PBROADCASTD_OF: Opcode = opcode(F38, X66, 0, 0x7c);

@@ -220,7 +220,7 @@ impl Stretch {
         if !matches!(woven, Some(Woven::All)) {
             self.write_single(&steps, &mut a)?;
         }
-        if let Some(Woven::Pairs { done }) = woven {
+        if let Some(Woven::Several { done }) = woven {
             a.land(done);
         }
         // vzeroupper; ret

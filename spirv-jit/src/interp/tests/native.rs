@@ -312,6 +312,45 @@ fn multiply_add_overwrites_none_but_the_dying() {
     }
 }
 
+/// Products with a constant near a power of two, on either side.
+#[test]
+fn factors_near_powers_of_two() {
+    for (ty, bits) in [
+        (Type::I8, 8),
+        (Type::I16, 16),
+        (Type::I32, 32),
+        (Type::I64, 64u32),
+    ] {
+        let all = u64::MAX >> (64 - bits);
+        for power in (0..bits).map(|k| 1u64 << k).chain([0]) {
+            let mut w = Writer::new(2, 4);
+            let [x, y] = [0, 1].map(|k| w.line(Type::I32, &format!("input[{k}]")));
+            let x = match ty {
+                Type::I32 => x,
+                Type::I64 => w.op(ty, "pack64", &[&x, &y]),
+                _ => w.op(ty, "uconvert", &[&x]),
+            };
+            let [below, above] = [power.wrapping_sub(1), power + 1].map(|c| c & all);
+            let [below, above] = [below, above].map(|factor| w.constant(ty, factor));
+            let products = [
+                w.op(ty, "imul", &[&x, &below]),
+                w.op(ty, "imul", &[&above, &x]),
+            ];
+            let outputs: Vec<String> = (products.iter())
+                .flat_map(|product| match ty {
+                    Type::I64 => w.words(product).to_vec(),
+                    Type::I32 => vec![product.clone()],
+                    _ => vec![w.op(Type::I32, "uconvert", &[product])],
+                })
+                .collect();
+            let zero = w.constant(Type::I32, 0);
+            let mut outputs = outputs;
+            outputs.resize(4, zero);
+            check(w, &outputs, &[false; 4]);
+        }
+    }
+}
+
 /// More conditions live than there are mask registers.
 #[test]
 fn more_conditions_than_registers() {

@@ -354,9 +354,9 @@ impl Allocation<'_> {
     }
 
     /// The number of the first lane of conditions, in each lane of a vector.
-    pub(super) fn first_lane(&mut self, to: Register, lanes: [Register; 2]) {
+    pub(super) fn first_lane(&mut self, to: Register, lanes: &[Register]) {
         let a = &mut *self.assembler;
-        word_of(a, &lanes);
+        word_of(a, lanes);
         // tzcnt ebx, ebx
         a.bytes.extend([0xf3, 0x0f, 0xbc, 0xdb]);
         broadcast_word(a, to);

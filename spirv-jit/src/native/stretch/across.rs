@@ -15,7 +15,7 @@ use crate::eval;
 use crate::ir::op::{ReduceOp, SubgroupOp};
 use crate::ir::{Op, Type};
 use crate::native::allocate::{Class, Form, Virtual, Vote};
-use crate::native::encode::{Constant, Encoding, Memory};
+use crate::native::encode::{Constant, Encoding, Memory, Opcode};
 use crate::native::opcodes::*;
 
 const LANES: u32 = SUBGROUP_SIZE as u32;
@@ -309,14 +309,15 @@ impl Stretch {
 
     /// The word of the lowest lane of a condition, in all lanes.
     fn broadcast_first(&mut self, lanes: &[Virtual], a: &[Virtual]) -> Registers {
-        if let (&[lanes], &[a]) = (lanes, a) {
-            let from = [lanes, a];
-            let first = self.step(Class::Vector, PCOMPRESSD, Form::ReverseZeroing, &from);
-            let first = self.step(Class::Vector, PBROADCASTD, Form::Registers, &[first]);
-            return Registers::from_slice(&[first]);
-        }
-        let first = self.step(Class::Vector, PBROADCASTD, Form::OfFirst, lanes);
-        self.permute(a, &[first; 2])
+        let first = self.step_once(PBROADCASTD, Form::OfFirst, lanes);
+        self.permute(a, &[first; 2][..lanes.len()])
+    }
+
+    /// The result of a step on lanes, which other operations near it may have taken. It is no
+    /// result of an operation.
+    fn step_once(&mut self, op: Opcode, form: Form, lanes: &[Virtual]) -> Virtual {
+        let known = self.near_step((op, form, None), lanes);
+        known.unwrap_or_else(|| self.step(Class::Vector, op, form, lanes))
     }
 
     /// The words of the lanes that some name by the lowest bits of theirs.
@@ -430,6 +431,7 @@ impl Stretch {
                     s.both(inside, word)
                 })
             }
+            (None, Encoding::Evex) if most < LANES => self.permute(a, b),
             (_, Encoding::Evex) => {
                 let end = self.words(LANES);
                 let inside = self.condition(PCMPUD, b[0], end, int::LT);
@@ -466,7 +468,7 @@ impl Stretch {
                     self.binary(PSLLVD, one, b)
                 }
             };
-            let active = self.bits_of(&[lanes]);
+            let active = self.step_once(PBROADCASTD_OF, Form::OfBits, &[lanes]);
             let is_active = self.step(Class::Mask, PTESTMD, Form::Binary, &[active, bits]);
             let other = self.binary(PERMD, b, a);
             return Registers::from_slice(&[self.select(is_active, other, a)]);

@@ -3,7 +3,7 @@
 use super::exits::{drop_exits, ordered};
 use super::skips::bounds_skip;
 use super::turns::Turns;
-use super::weave::{chains, waits};
+use super::weave::{chains, emit_frames, waits};
 use super::{Form, Info, without_unused};
 use crate::native::allocate::{
     Carried, LOAD, Outside, STORE, Step, Turn, allocate_turn, jump_without,
@@ -66,15 +66,7 @@ impl Turns {
             a.bytes
                 .extend([0x49, 0x89, 0xf8, 0x49, 0x89, 0xf9, 0xb8, 2, 0, 0, 0]);
         }
-        if self.subgroups > 1 {
-            // lea r8, [rdi + rcx]
-            a.bytes.extend([0x4c, 0x8d, 0x04, 0x0f]);
-        }
-        if self.subgroups > 2 {
-            // lea r9, [rdi + 2 rcx]; lea rax, [r8 + 2 rcx]
-            a.bytes.extend([0x4c, 0x8d, 0x0c, 0x4f]);
-            a.bytes.extend([0x49, 0x8d, 0x04, 0x48]);
-        }
+        emit_frames(a, self.subgroups);
     }
 
     /// Writes the beginning of the first turn, and a turn.

@@ -5,9 +5,12 @@
 //! are remembered for the operations that follow soon. A chain of operations then waits for the
 //! rounding alone, not for the way to lanes of 32 bits and back.
 
+use super::lower::float;
 use super::{Stretch, Virtual};
+#[cfg(doc)]
+use crate::eval::narrow;
 use crate::native::allocate::{Class, Form};
-use crate::native::encode::Encoding;
+use crate::native::encode::{DOWN, Encoding, TOWARDS_ZERO, UP};
 use crate::native::opcodes::*;
 
 /// Steps of a half between two uses of a form, at most: more would occupy too many registers.
@@ -53,6 +56,22 @@ impl Stretch {
         let value = self.step(Class::Vector, PMOVZXWD, Form::Registers, &[packed]);
         self.note_half_forms(value, Some(packed), None);
         value
+    }
+
+    /// `a * b + c` rounded to odd, of numbers that 16-bit floats hold, as [`narrow::odd_fma`] is.
+    /// `None` with AVX2, which needs so many dependent steps that the interpreter is faster.
+    pub(super) fn odd_fma(&mut self, [a, b, c]: [Virtual; 3]) -> Option<Virtual> {
+        if self.encoding == Encoding::Vex {
+            return None;
+        }
+        let product = self.commutative(MULPS, a, b);
+        let sums = [DOWN, UP, TOWARDS_ZERO]
+            .map(|how| self.step(Class::Vector, ADDPS, Form::Rounding(how), &[product, c]));
+        let [down, up, near_zero] = sums;
+        let is_inexact = self.condition(CMPPS, down, up, float::NE);
+        let one = self.words(1);
+        let odd = self.commutative(POR, near_zero, one);
+        Some(self.select(is_inexact, odd, near_zero))
     }
 
     fn packed_halves(&mut self, a: Virtual) -> Virtual {

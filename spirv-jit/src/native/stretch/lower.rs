@@ -36,6 +36,34 @@ pub(super) mod int {
     pub const NE: u8 = 4;
 }
 
+/// A number one above or one below a power of two.
+struct Near {
+    /// The power's exponent.
+    shift: u32,
+    is_above: bool,
+}
+
+/// Which factor of a product is such a number. A shift and a sum or a difference then give the
+/// product, on many processors sooner than a multiplication does.
+fn near_power(factors: [Option<u64>; 2], bits: u32) -> Option<(usize, Near)> {
+    let near = |factor: u64| {
+        let all = u64::MAX >> (64 - bits);
+        [
+            (factor.wrapping_sub(1) & all, true),
+            (factor.wrapping_add(1) & all, false),
+        ]
+        .into_iter()
+        .find(|(power, _)| power.is_power_of_two())
+        .map(|(power, is_above)| Near {
+            shift: power.trailing_zeros(),
+            is_above,
+        })
+    };
+    (0..)
+        .zip(factors)
+        .find_map(|(k, factor)| Some((k, near(factor?)?)))
+}
+
 impl Stretch {
     /// A condition: a comparison of floats.
     fn compare(&mut self, a: Virtual, b: Virtual, how: u8) -> Virtual {
@@ -348,8 +376,8 @@ impl Stretch {
     /// By the processor's own instructions where it has them: they take the upper halves for zeros,
     /// and leave zeros there. Else in 32 bits: a sum, difference, product, quotient or root of
     /// 16-bit floats that is rounded to 24 bits and then to 11 is the one that is rounded once,
-    /// because 24 ≥ 2·11 + 2 (Figueroa, "When is double rounding innocuous?", 1995). Whole numbers
-    /// and the lesser of two are exact.
+    /// because 24 ≥ 2·11 + 2 (Figueroa, "When is double rounding innocuous?", 1995). Sums with a
+    /// product are rounded to odd first. Whole numbers and the lesser of two are exact.
     fn of_halves(&mut self, op: &Op, to: Type, from: &[Virtual]) -> Option<Virtual> {
         let own = match (op, from) {
             (Op::FAdd, &[a, b]) => Some((ADDPH, a, b)),
@@ -367,10 +395,10 @@ impl Stretch {
                 return Some(self.commutative(PXOR, a, sign));
             }
             (_, Op::FAbs, &[a]) => return Some(self.and(a, 0x7fff)),
-            (_, Op::FFma | Op::FInverseSqrt, _) => return None,
+            (_, Op::FInverseSqrt, _) => return None,
             _ => {}
         }
-        let mut wide = SmallVec::<[Virtual; 2]>::new();
+        let mut wide = SmallVec::<[Virtual; 3]>::new();
         for &half in from {
             let number = self.half_to_float(half);
             wide.push(number);
@@ -382,6 +410,7 @@ impl Stretch {
                 Op::FMax => self.least(MAXPS, PAND, a, b),
                 _ => self.of_floats(op, a, b)?,
             },
+            [a, b, c] => self.odd_fma([a, b, c])?,
             _ => return None,
         };
         Some(match to {
@@ -653,7 +682,7 @@ impl Stretch {
                 let number = match op {
                     Op::IAdd => self.commutative(PADDD, a, b),
                     Op::ISub => self.binary(PSUBD, a, b),
-                    _ => self.commutative(PMULLD, a, b),
+                    _ => self.product(places, a, b),
                 };
                 self.narrow(to, number)
             }
@@ -685,6 +714,35 @@ impl Stretch {
             _ => return None,
         };
         Some(Held::One(one))
+    }
+
+    /// A product of integers: see [`near_power`].
+    fn product(&mut self, places: [&IrOperand; 2], a: Virtual, b: Virtual) -> Virtual {
+        let Some((factor, near)) = near_power(places.map(|place| place.constant), 32) else {
+            return self.commutative(PMULLD, a, b);
+        };
+        let other = if factor == 0 { b } else { a };
+        let multiple = self.shift(PSHIFTD, LEFT, other, near.shift);
+        match near.is_above {
+            true => self.commutative(PADDD, multiple, other),
+            false => self.binary(PSUBD, multiple, other),
+        }
+    }
+
+    /// The same of lanes of 64 bits.
+    fn wide_product(&mut self, constants: [Option<u64>; 2], a: Virtual, b: Virtual) -> Virtual {
+        let Some((factor, near)) = near_power(constants, 64) else {
+            return match self.encoding {
+                Encoding::Vex => self.product_by_words(a, b),
+                Encoding::Evex => self.commutative(PMULLQ, a, b),
+            };
+        };
+        let other = if factor == 0 { b } else { a };
+        let multiple = self.shift(PSHIFTQ, LEFT, other, near.shift);
+        match near.is_above {
+            true => self.commutative(PADDQ, multiple, other),
+            false => self.binary(PSUBQ, multiple, other),
+        }
     }
 
     fn lower_wide_unary(&mut self, op: &Op, to: Type, a: Virtual, b: Virtual) -> Option<Held> {
@@ -725,9 +783,10 @@ impl Stretch {
             let [a0, a1] = [a0, a1].map(|part| self.shift(PSHIFTQ, number, part, count));
             return Some(Held::Two(a0, a1));
         }
-        if (op, to, self.encoding) == (&Op::IMul, Type::I64, Encoding::Vex) {
-            let low = self.product_by_words(a0, b0);
-            return Some(Held::Two(low, self.product_by_words(a1, b1)));
+        if (op, to) == (&Op::IMul, Type::I64) {
+            let constants = [0, 1].map(|k| places[k].constant);
+            let low = self.wide_product(constants, a0, b0);
+            return Some(Held::Two(low, self.wide_product(constants, a1, b1)));
         }
         let (op, form) = self.wide_opcode(op, to)?;
         let low = self.step(Class::Vector, op, form, &[a0, b0]);
@@ -740,19 +799,29 @@ impl Stretch {
     /// The upper words of lanes of 64 bits, where products take the lower ones. A factor is often
     /// that of the product before.
     fn upper_words(&mut self, a: Virtual) -> Virtual {
+        let known = self.near_step((PSHIFTQ, Form::Extended(RIGHT), Some(32)), &[a]);
+        known.unwrap_or_else(|| self.shift(PSHIFTQ, RIGHT, a, 32))
+    }
+
+    /// The result of such a step shortly before, if no body that may be jumped over ends behind
+    /// it.
+    pub(super) fn near_step(
+        &self,
+        what: (Opcode, Form, Option<u8>),
+        from: &[Virtual],
+    ) -> Option<Virtual> {
         /// Steps of two registers' products: further ones would keep too many registers.
         const NEAR: usize = 24;
         let side = (self.half, self.subgroup as u8);
-        let known = self.steps.iter().rev().take(NEAR).find(|step| {
-            (step.op, step.form, step.immediate) == (PSHIFTQ, Form::Extended(RIGHT), Some(32))
-                && (step.half, step.subgroup) == side
-                && step.from[0] == a
-                && self.infos[step.to as usize].home.is_none()
-        });
-        match known {
-            Some(step) => step.to,
-            None => self.shift(PSHIFTQ, RIGHT, a, 32),
-        }
+        let known = (self.steps.iter().rev().take(NEAR))
+            .take_while(|step| !matches!(step.form, Form::EndSkip(_)))
+            .find(|step| {
+                (step.op, step.form, step.immediate) == what
+                    && (step.half, step.subgroup) == side
+                    && step.from[..step.count] == *from
+                    && self.infos[step.to as usize].home.is_none()
+            });
+        known.map(|step| step.to)
     }
 
     /// A product of integers of 64 bits, from products of their words.

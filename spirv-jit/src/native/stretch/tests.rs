@@ -8,7 +8,7 @@ use iced_x86::{
 };
 
 use super::super::allocate::*;
-use super::super::encode::{Operand, Register, ZEROING};
+use super::super::encode::{DOWN, Operand, Register, TOWARDS_ZERO, UP, ZEROING};
 use super::lower::*;
 use super::*;
 
@@ -206,7 +206,6 @@ fn in_evex() -> Vec<Listed> {
         listed!(PSHUFD, "vpshufd", "r m i").immediate(0xb1),
         listed!(SHUFFLE_QUARTERS, "vshufi64x2", "r v m i").immediate(0x4e),
         listed!(ALIGND, "valignd", "r v m i").immediate(15),
-        listed!(PCOMPRESSD, "vpcompressd", "mr r").zeroing(),
         listed!(PBROADCASTD, "vpbroadcastd", "r mx"),
         listed!(PBROADCASTQ, "vpbroadcastq", "r mx"),
         listed!(PTESTMD, "vptestmd", "rk v m"),
@@ -404,6 +403,25 @@ fn registers_are_decoded_as_they_were_encoded() {
                             check(&listed, encoding, (reg, second, rm), mask);
                         }
                     }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn roundings_are_decoded_as_they_were_encoded() {
+    let registers = registers(Encoding::Evex);
+    for (how, name) in [(DOWN, "rd"), (UP, "ru"), (TOWARDS_ZERO, "rz")] {
+        for &reg in registers {
+            for &second in registers {
+                for &rm in registers {
+                    let mut a = Assembler::new(Encoding::Evex);
+                    a.rounding(ADDPS, (reg, second, Operand::Register(rm)), how);
+                    let all = decoded(&a.bytes);
+                    let text = format!("vaddps zmm{reg},zmm{second},zmm{rm},{{{name}-sae}}");
+                    let printed: Vec<String> = all.into_iter().map(|(_, text)| text).collect();
+                    assert_eq!(printed, [text]);
                 }
             }
         }

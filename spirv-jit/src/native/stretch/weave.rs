@@ -2,8 +2,9 @@
 //!
 //! A processor overlaps the end of one half of a subgroup with the start of the next, as far as it
 //! looks ahead. In a long chain of dependent operations this is not far enough. So the operations
-//! of both halves alternate, and those of two subgroups if registers suffice. The same goes for the
-//! turns of loops. AVX2 only.
+//! of both halves alternate, and those of two subgroups if registers suffice. With AVX-512, which
+//! has no halves, those of four or two subgroups do. The same goes for the turns of loops with
+//! AVX2.
 
 use super::{FRAMES, Stretch};
 use crate::native::allocate::{Info, Step, TURNS_TOGETHER, Virtual, allocate};
@@ -15,6 +16,9 @@ const STEPS_AHEAD: u32 = 128;
 
 /// Steps that a processor starts in a cycle.
 const STEPS_AT_ONCE: u32 = 3;
+
+/// The same of steps of 512 bits.
+const WIDE_STEPS_AT_ONCE: u32 = 2;
 
 /// Steps of woven code, at most: more would not stay in the cache of instructions.
 const MOST_STEPS: usize = 4096;
@@ -41,8 +45,9 @@ struct Need {
     overlapped: u32,
 }
 
-/// The need of steps that consist of so many equal chains.
-fn need(steps: &[Step], values: usize, chains: usize) -> Need {
+/// The need of steps that consist of so many equal chains, of which a processor starts so many at
+/// once.
+fn need(steps: &[Step], values: usize, chains: usize, at_once: u32) -> Need {
     let mut ready = vec![0u32; values];
     let mut longest = 0;
     for step in steps {
@@ -54,7 +59,7 @@ fn need(steps: &[Step], values: usize, chains: usize) -> Need {
     }
     let length = (steps.len() / chains).max(1) as u32;
     Need {
-        wanted: longest * STEPS_AT_ONCE / length,
+        wanted: (longest * at_once + length / 2) / length,
         overlapped: (STEPS_AHEAD / length).max(1),
     }
 }
@@ -62,13 +67,13 @@ fn need(steps: &[Step], values: usize, chains: usize) -> Need {
 /// Whether a processor waits for results in a loop's turn that so many halves of subgroups take one
 /// after another.
 pub(super) fn waits(steps: &[Step], values: usize, halves: usize) -> bool {
-    let need = need(steps, values, halves);
+    let need = need(steps, values, halves, STEPS_AT_ONCE);
     need.wanted > need.overlapped && halves as u32 > need.overlapped
 }
 
 /// The number of chains of steps that keeps a processor busy.
 pub(super) fn chains(steps: &[Step], values: usize, halves: usize) -> u32 {
-    need(steps, values, halves).wanted
+    need(steps, values, halves, STEPS_AT_ONCE).wanted
 }
 
 /// Steps of subgroups with the operations of all subgroups alternating; those of halves do. The
@@ -92,8 +97,21 @@ pub(super) fn in_turn(of_subgroups: &[Vec<Step>]) -> Vec<Step> {
     woven
 }
 
-/// The steps of both halves of so many subgroups, alternating by operation.
-fn weave(steps: &[Step], infos: &[Info], subgroups: usize) -> (Vec<Step>, Vec<Info>) {
+/// The halves of a subgroup.
+fn halves(encoding: Encoding) -> &'static [Option<i32>] {
+    match encoding {
+        Encoding::Vex => &[Some(0), Some(1)],
+        Encoding::Evex => &[None],
+    }
+}
+
+/// The steps of so many subgroups, and of both halves of each where the encoding has halves,
+/// alternating by operation.
+fn weave(
+    (steps, infos): (&[Step], &[Info]),
+    subgroups: usize,
+    encoding: Encoding,
+) -> (Vec<Step>, Vec<Info>) {
     let is_shared = |info: &Info| {
         let is_constant = |home| matches!(home, Memory::Pool(_) | Memory::At(Base::Uniforms, _));
         info.is_home && info.home.is_some_and(is_constant)
@@ -107,34 +125,40 @@ fn weave(steps: &[Step], infos: &[Info], subgroups: usize) -> (Vec<Step>, Vec<In
             })
         })
         .collect();
-    let halves: Vec<(usize, i32)> = (0..subgroups).flat_map(|s| [(s, 0), (s, 1)]).collect();
+    let parts: Vec<(usize, Option<i32>)> = (0..subgroups)
+        .flat_map(|subgroup| halves(encoding).iter().map(move |&half| (subgroup, half)))
+        .collect();
     let mut numbers: Vec<Vec<Virtual>> = Vec::new();
-    for &(subgroup, half) in &halves {
+    for &(subgroup, half) in &parts {
         let frame = FRAMES[subgroup];
+        let half = half.unwrap_or(0);
         let own = |info: &Info| Info {
-            home: info.home.map(|home| match home {
-                Memory::At(Base::Half, row) => Memory::At(frame, row + 32 * half),
-                Memory::At(Base::WideHalf, row) => Memory::At(frame, row + 64 * half),
-                other => other,
+            home: info.home.map(|home| match (home, encoding) {
+                (Memory::At(Base::Half, row), Encoding::Vex) => Memory::At(frame, row + 32 * half),
+                (Memory::At(Base::WideHalf, row), Encoding::Vex) => {
+                    Memory::At(frame, row + 64 * half)
+                }
+                (Memory::At(Base::Frame, row), Encoding::Evex) => Memory::At(frame, row),
+                (other, _) => other,
             }),
             ..*info
         };
-        let of_half = shared.iter().zip(infos).map(|(shared, info)| {
+        let of_part = shared.iter().zip(infos).map(|(shared, info)| {
             shared.unwrap_or_else(|| {
                 woven_infos.push(own(info));
                 woven_infos.len() as Virtual - 1
             })
         });
-        numbers.push(of_half.collect());
+        numbers.push(of_part.collect());
     }
-    let mut woven = Vec::with_capacity(steps.len() * halves.len());
+    let mut woven = Vec::with_capacity(steps.len() * parts.len());
     for operation in steps.split_inclusive(|step| step.ends) {
-        for (numbers, &(subgroup, half)) in numbers.iter().zip(&halves) {
+        for (numbers, &(subgroup, half)) in numbers.iter().zip(&parts) {
             woven.extend(operation.iter().map(|step| Step {
                 to: numbers[step.to as usize],
                 from: step.from.map(|value| numbers[value as usize]),
                 subgroup: subgroup as u8,
-                half: Some(half),
+                half,
                 ..*step
             }));
         }
@@ -142,22 +166,36 @@ fn weave(steps: &[Step], infos: &[Info], subgroups: usize) -> (Vec<Step>, Vec<In
     (woven, woven_infos)
 }
 
+/// Points to the frames of the subgroups behind the first one, of so many that are taken together.
+pub(super) fn emit_frames(a: &mut Assembler, subgroups: usize) {
+    if subgroups > 1 {
+        // lea r8, [rdi + rcx]
+        a.bytes.extend([0x4c, 0x8d, 0x04, 0x0f]);
+    }
+    if subgroups > 2 {
+        // lea r9, [rdi + 2 rcx]; lea rax, [r8 + 2 rcx]
+        a.bytes.extend([0x4c, 0x8d, 0x0c, 0x4f]);
+        a.bytes.extend([0x49, 0x8d, 0x04, 0x48]);
+    }
+}
+
 impl Stretch {
     /// Writes woven code, if a processor waits without it and registers suffice. Gives whether
     /// code for one subgroup must follow, and the jump over that.
     pub(super) fn write_woven(&self, steps: &[Step], a: &mut Assembler) -> Option<Woven> {
-        if self.encoding != Encoding::Vex {
-            return None;
-        }
-        let need = need(steps, self.infos.len(), 1);
+        let (at_once, counts) = match self.encoding {
+            Encoding::Vex => (STEPS_AT_ONCE, [2, 1]),
+            Encoding::Evex => (WIDE_STEPS_AT_ONCE, [4, 2]),
+        };
+        let need = need(steps, self.infos.len(), 1, at_once);
         if need.wanted <= need.overlapped {
             return None;
         }
         let gains = |subgroups: &usize| {
-            let halves = 2 * *subgroups as u32;
-            halves > need.overlapped && (halves == 2 || need.wanted > 2)
+            let chains = (halves(self.encoding).len() * *subgroups) as u32;
+            chains > need.overlapped && (chains == 2 || need.wanted > 2)
         };
-        [2, 1].into_iter().filter(gains).find_map(|subgroups| {
+        counts.into_iter().filter(gains).find_map(|subgroups| {
             let mut attempt = a.clone();
             let woven = self.write_together(steps, subgroups, &mut attempt)?;
             *a = attempt;
@@ -166,45 +204,44 @@ impl Stretch {
     }
 
     fn write_together(&self, steps: &[Step], subgroups: usize, a: &mut Assembler) -> Option<Woven> {
-        if steps.len() * 2 * subgroups > MOST_STEPS {
+        let parts = subgroups * halves(self.encoding).len();
+        if steps.len() * parts > MOST_STEPS {
             return None;
         }
-        let (steps, infos) = weave(steps, &self.infos, subgroups);
-        let is_pair = subgroups == 2;
-        let single = is_pair.then(|| {
-            // cmp rdx, 2; jb
-            a.bytes.extend([0x48, 0x83, 0xfa, 2]);
+        let (steps, infos) = weave((steps, &self.infos), subgroups, self.encoding);
+        let count = subgroups as u8;
+        let single = (subgroups > 1).then(|| {
+            // cmp rdx, subgroups; jb
+            a.bytes.extend([0x48, 0x83, 0xfa, count]);
             a.jump_ahead(CARRY)
         });
         let start = a.bytes.len();
-        if is_pair {
-            // lea r8, [rdi + rcx]
-            a.bytes.extend([0x4c, 0x8d, 0x04, 0x0f]);
-        }
+        emit_frames(a, subgroups);
         let evictions = allocate(&steps, infos, a).ok()?;
         if evictions * STEPS_OF_EVICTION > steps.len() {
             return None;
         }
         if self.lanes.is_some() {
             // add r10, two bytes for each subgroup
-            a.bytes.extend([0x49, 0x83, 0xc2, 2 * subgroups as u8]);
+            a.bytes.extend([0x49, 0x83, 0xc2, 2 * count]);
         }
+        // lea rdi, [rdi + subgroups * rcx]; sub rdx, subgroups
+        let scale = subgroups.trailing_zeros() as u8;
+        a.bytes.extend([0x48, 0x8d, 0x3c, scale << 6 | 0x0f]);
+        a.bytes.extend([0x48, 0x83, 0xea, count]);
         let Some(single) = single else {
-            // add rdi, rcx; dec rdx
-            a.bytes.extend([0x48, 0x01, 0xcf, 0x48, 0xff, 0xca]);
             a.jump_if_not_zero(start);
             return Some(Woven::All);
         };
-        // lea rdi, [rdi + 2 rcx]; sub rdx, 2; cmp rdx, 2
-        a.bytes.extend([0x48, 0x8d, 0x3c, 0x4f]);
-        a.bytes.extend([0x48, 0x83, 0xea, 2, 0x48, 0x83, 0xfa, 2]);
+        // cmp rdx, subgroups
+        a.bytes.extend([0x48, 0x83, 0xfa, count]);
         let again = a.jump_ahead(NOT_CARRY);
         a.land_at(again, start);
         // test rdx, rdx; jz
         a.bytes.extend([0x48, 0x85, 0xd2]);
         let done = a.jump_ahead(ZERO);
         a.land(single);
-        Some(Woven::Pairs { done })
+        Some(Woven::Several { done })
     }
 }
 
@@ -212,6 +249,6 @@ impl Stretch {
 pub(super) enum Woven {
     /// For all subgroups.
     All,
-    /// For pairs: code for one subgroup follows, over which a jump leads.
-    Pairs { done: usize },
+    /// For several at once: code for one subgroup follows, over which a jump leads.
+    Several { done: usize },
 }

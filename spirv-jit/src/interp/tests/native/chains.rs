@@ -76,7 +76,7 @@ fn halves() {
     });
     let (mut chain, mut bits) = (x, Vec::new());
     for k in 0..LENGTH {
-        chain = match k % 6 {
+        chain = match k % 7 {
             0 => w.op(Type::F16, "fadd", &[&chain, &y]),
             1 => w.op(Type::F16, "fmul", &[&chain, &chain]),
             2 => {
@@ -86,6 +86,7 @@ fn halves() {
             }
             3 => w.op(Type::F16, "fneg", &[&chain]),
             4 => w.op(Type::F16, "fsub", &[&z, &chain]),
+            5 => w.op(Type::F16, "ffma", &[&chain, &z, &y]),
             _ => w.op(Type::F16, "fmin", &[&chain, &z]),
         };
         if k % 50 == 20 {
