@@ -21,15 +21,11 @@ const TABLES: [(&str, &str); 8] = [
 
 /// Inner loops of walks, samples and loads. Each is compiled for an instruction set as a whole,
 /// with its values in registers.
-const LOOPS: [(&str, &str); 8] = [
+const LOOPS: [(&str, &str); 7] = [
     ("spirv-jit/src/interp/access.rs", "run"),
     ("spirv-jit/src/interp/gather/x86.rs", "load_quarters"),
     ("traversal/src/walk/boxes.rs", "go"),
     ("traversal/src/walk/descend.rs", "run"),
-    (
-        "traversal/src/walk/packet/triangle.rs",
-        "intersect_triangle",
-    ),
     ("traversal/src/walk/stream/leaf.rs", "visit"),
     ("traversal/src/walk/stream/nodes.rs", "intersect_node_with"),
     ("traversal/src/walk/walk_opaque.rs", "run"),

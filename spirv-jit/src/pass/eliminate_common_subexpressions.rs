@@ -258,8 +258,8 @@ impl Eliminator<'_> {
                 ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => {
                     Some(0)
                 }
-                // With an implicit level of detail the result depends on neighbors. Gathers take the
-                // base level.
+                // With an implicit level of detail the result depends on neighbors. Gathers take
+                // the base level.
                 ImageOpKind::Sample if matches!(image.lod, LodMode::Implicit | LodMode::Bias) => {
                     None
                 }

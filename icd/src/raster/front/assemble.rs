@@ -8,7 +8,7 @@ use spirv_jit::Program;
 use super::chunk::{ChunkWorker, Round};
 use super::fetch::{Common, Vertex};
 use super::indices::Indices;
-use super::kept::{KEPT_PRIMITIVES, Source};
+use super::kept::{KEPT_PRIMITIVES, SpanSource};
 use super::split::PrimitiveRange;
 use super::topology::{self, Assembled};
 use crate::command::graphics::DrawCall;
@@ -16,7 +16,7 @@ use crate::raster::Draw;
 
 /// The vertices and primitives that a span of a draw was listed as.
 struct Listed {
-    source: Source,
+    source: SpanSource,
     /// Of the worker's vertices and primitives.
     vertices: Range<usize>,
     primitives: Range<usize>,
@@ -34,6 +34,20 @@ struct SegmentSource<'a> {
     run: Option<Range<u32>>,
     base: u32,
     common: u32,
+}
+
+/// The inputs that all vertices of a span's instance share.
+fn common_of(call: &DrawCall, span: &PrimitiveRange, is_indexed: bool) -> Common {
+    Common {
+        first_instance: call.first_instance,
+        instance: span.instance,
+        base_vertex: match is_indexed {
+            true => call.vertex_offset as u32,
+            false => call.first,
+        },
+        draw_index: call.draw_index,
+        view: span.view,
+    }
 }
 
 impl ChunkWorker {
@@ -64,16 +78,7 @@ impl ChunkWorker {
             let is_new = before.replace(place) != Some(place);
             if is_new {
                 self.unique.clear();
-                self.commons.push(Common {
-                    first_instance: call.first_instance,
-                    instance: span.instance,
-                    base_vertex: match indices {
-                        Some(_) => call.vertex_offset as u32,
-                        None => call.first,
-                    },
-                    draw_index: call.draw_index,
-                    view: span.view,
-                });
+                self.commons.push(common_of(call, span, indices.is_some()));
             }
             let common = self.commons.len() as u32 - 1;
             let start = u64::from(call.first) + u64::from(span.start);
@@ -111,17 +116,8 @@ impl ChunkWorker {
                 && taken.is_none()
                 && indices.is_some()
                 && span.of_segment <= KEPT_PRIMITIVES;
-            let of = (round.batch, span.draw);
-            if !keeps || !self.list_kept(of, &source, &segment, span.first_id) {
-                self.list_run(&segment);
-                match taken {
-                    Some(taken) => self.list_inputs(&segment, span, points, taken),
-                    None => self.list_primitives(&segment, span),
-                }
-                if keeps {
-                    self.keep(of, source.clone(), first);
-                }
-            }
+            let keep_of = keeps.then_some((round.batch, span.draw));
+            self.list_span(keep_of, (&source, &segment, span), (points, taken));
             if is_new && self.corners.is_empty() {
                 latest = Some(Listed {
                     source,
@@ -129,6 +125,28 @@ impl ChunkWorker {
                     primitives: first[1]..self.primitives.len(),
                 });
             }
+        }
+    }
+
+    /// Lists the vertices and primitives of a span: as they were kept of a batch and a draw, or
+    /// from its indices.
+    fn list_span(
+        &mut self,
+        keep_of: Option<(u64, u32)>,
+        (source, segment, span): (&SpanSource, &SegmentSource<'_>, &PrimitiveRange),
+        (points, taken): (Option<usize>, Option<usize>),
+    ) {
+        if keep_of.is_some_and(|of| self.list_kept(of, source, segment, span.first_id)) {
+            return;
+        }
+        let first = [self.vertices.len(), self.primitives.len()];
+        self.list_run(segment);
+        match taken {
+            Some(taken) => self.list_inputs(segment, span, points, taken),
+            None => self.list_primitives(segment, span),
+        }
+        if let Some(of) = keep_of {
+            self.keep(of, source.clone(), first);
         }
     }
 
@@ -230,7 +248,7 @@ impl ChunkWorker {
     fn list_kept(
         &mut self,
         of: (u64, u32),
-        source: &Source,
+        source: &SpanSource,
         segment: &SegmentSource<'_>,
         first_id: u32,
     ) -> bool {
@@ -254,7 +272,7 @@ impl ChunkWorker {
     }
 
     /// Keeps a span whose vertices and primitives were listed, from the first ones on.
-    fn keep(&mut self, of: (u64, u32), source: Source, [vertex, primitive]: [usize; 2]) {
+    fn keep(&mut self, of: (u64, u32), source: SpanSource, [vertex, primitive]: [usize; 2]) {
         let kept = self.kept.replace(of, source);
         let indices = self.vertices[vertex..].iter().map(|it| it.index);
         kept.indices.extend(indices);

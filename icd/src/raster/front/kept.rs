@@ -12,14 +12,14 @@ const KEPT: usize = 16;
 pub const KEPT_PRIMITIVES: u32 = (KEPT * CHUNK_PRIMITIVES) as u32;
 
 /// The place of a span's first index or vertex, what is added to indices, and its primitives.
-pub type Source = (u64, i32, Range<u32>);
+pub type SpanSource = (u64, i32, Range<u32>);
 
 /// The primitives of a span as they were listed for one instance.
 #[derive(Default)]
 pub struct KeptSpan {
     /// The batch and the draw: memory does not change meanwhile.
     of: (u64, u32),
-    source: Source,
+    source: SpanSource,
     /// Of the vertices.
     pub indices: Vec<u32>,
     /// Vertices of the primitives, counted from the span's first one.
@@ -36,13 +36,13 @@ pub struct KeptSpans {
 
 impl KeptSpans {
     /// A span of a draw in a batch, if it is kept.
-    pub fn find(&self, of: (u64, u32), source: &Source) -> Option<&KeptSpan> {
+    pub fn find(&self, of: (u64, u32), source: &SpanSource) -> Option<&KeptSpan> {
         let mut spans = self.spans.iter();
         spans.find(|it| it.of == of && it.source == *source)
     }
 
     /// A span in the place of the oldest one, with nothing listed yet.
-    pub fn replace(&mut self, of: (u64, u32), source: Source) -> &mut KeptSpan {
+    pub fn replace(&mut self, of: (u64, u32), source: SpanSource) -> &mut KeptSpan {
         if self.spans.len() < KEPT {
             self.spans.push(KeptSpan::default());
         }

@@ -190,9 +190,7 @@ impl ChunkWorker {
         chunk: &mut Chunk,
     ) -> Result<(), Stopped> {
         let count = self.primitives.len();
-        let has_room =
-            chunk.records.try_reserve(count).is_ok() && chunk.shapes.try_reserve(count).is_ok();
-        if !has_room {
+        if chunk.records.try_reserve(count).is_err() || chunk.shapes.try_reserve(count).is_err() {
             return Err(Stopped::OutOfMemory);
         }
         let DrawOutputs {

@@ -691,8 +691,8 @@ pub(super) unsafe fn four_scalars<T: Copy + Into<u32>>(
     places: &Row,
     lane: usize,
 ) -> __m128i {
-    // SAFETY: the caller guarantees that the machine has AVX2, and that a scalar is readable at each
-    // place.
+    // SAFETY: the caller guarantees that the machine has AVX2, and that a scalar is readable at
+    // each place.
     unsafe {
         let scalar = |lane: usize| {
             let at = base.add(places[lane] as usize).cast::<T>();

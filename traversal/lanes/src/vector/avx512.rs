@@ -566,8 +566,8 @@ fn gathers_slowly() -> bool {
     *SLOWLY.get_or_init(pairs_are_loaded_faster)
 }
 
-/// Times gathers and loads of pairs: the least of many rounds, since the first ones are slow in wide
-/// registers, and some are interrupted.
+/// Times gathers and loads of pairs: the least of many rounds, since the first ones are slow in
+/// wide registers, and some are interrupted.
 #[inline(never)]
 fn pairs_are_loaded_faster() -> bool {
     const ROUNDS: usize = 100;

@@ -357,9 +357,9 @@ pub trait Vector: Copy {
         unsafe { self.gather_quads(base, self.load_i(offsets)) }
     }
 
-    /// Words at byte offsets, as [`Self::words_at`], if [`Self::HAS_WINDOWS`] and the lanes' words lie
-    /// in two windows of 64 bytes: on two rows of an image, not far apart. Scalars of `SIZE` bytes
-    /// have those behind them on top. `None` if they do not, or if a window is not readable.
+    /// Words at byte offsets, as [`Self::words_at`], if [`Self::HAS_WINDOWS`] and the lanes' words
+    /// lie in two windows of 64 bytes: on two rows of an image, not far apart. Scalars of `SIZE`
+    /// bytes have those behind them on top. `None` if they do not, or if a window is not readable.
     ///
     /// # Safety
     /// `readable` bytes are readable at `base`.

@@ -146,18 +146,18 @@ fn longest_along<V: Vector>(v: V, axis: usize, d: [V::F; 3]) -> LaneMask {
     })
 }
 
-/// The way of a packet's rays: their longest axis, and the signs of their directions.
-struct Way {
+/// The octant of a packet's rays: their longest axis, and the signs of their directions.
+struct Octant {
     /// The rays' own axes: two that follow the longest one in turn, and that.
     own_axes: [usize; 3],
     /// By axis: directions are negative.
     is_backward: [bool; 3],
 }
 
-impl Way {
-    /// The way of a ray with a direction.
+impl Octant {
+    /// The octant of a ray with a direction.
     #[inline(always)]
-    fn of(direction: [f32; 3]) -> Way {
+    fn of(direction: [f32; 3]) -> Octant {
         let own_axes = match longest(direction[0], direction[1], direction[2]) {
             (true, _) => [1, 2, 0],
             (_, true) => [2, 0, 1],
@@ -165,7 +165,7 @@ impl Way {
         };
         let [x, y, z] = direction;
         let is_backward = [x < 0.0, y < 0.0, z < 0.0];
-        Way {
+        Octant {
             own_axes: match is_backward[own_axes[2]] {
                 true => [own_axes[1], own_axes[0], own_axes[2]],
                 false => own_axes,
@@ -185,7 +185,7 @@ impl Way {
         }
     }
 
-    /// Lanes whose rays go this way.
+    /// Lanes whose rays lie in this octant and have this longest axis.
     #[inline(always)]
     fn goes<V: Vector>(&self, v: V, d: [V::F; 3]) -> LaneMask {
         let zero = v.splat(0.0);
@@ -309,8 +309,8 @@ impl Rays {
             store(v, d[axis], &mut level_rays.space_direction[axis]);
         }
         let space = &level_rays.space_direction;
-        let way = Way::of([space[0][first], space[1][first], space[2][first]]);
-        let alike = way.goes(v, d) & lanes;
+        let octant = Octant::of([space[0][first], space[1][first], space[2][first]]);
+        let alike = octant.goes(v, d) & lanes;
         if alike != lanes {
             return alike;
         }
@@ -322,13 +322,13 @@ impl Rays {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let steep = unsafe {
             // Written out, so that each has known places.
-            let x = self.set_up_axis::<K>(0, (o[0], d[0]), &way, (reach, origin_error), lanes);
-            let y = self.set_up_axis::<K>(1, (o[1], d[1]), &way, (reach, origin_error), lanes);
-            let z = self.set_up_axis::<K>(2, (o[2], d[2]), &way, (reach, origin_error), lanes);
+            let x = self.set_up_axis::<K>(0, (o[0], d[0]), &octant, (reach, origin_error), lanes);
+            let y = self.set_up_axis::<K>(1, (o[1], d[1]), &octant, (reach, origin_error), lanes);
+            let z = self.set_up_axis::<K>(2, (o[2], d[2]), &octant, (reach, origin_error), lanes);
             v.max_i(x, v.max_i(y, z))
         };
         let level_rays = &mut self.level_rays;
-        let is_modest = set_up_shear(v, level_rays, way.own_axes);
+        let is_modest = set_up_shear(v, level_rays, octant.own_axes);
         let t_min = v.max(load_row(v, t_min), v.splat(0.0));
         store(v, t_min, &mut level_rays.t_min);
         if has_bounds {
@@ -351,13 +351,13 @@ impl Rays {
         &mut self,
         axis: usize,
         (origin, direction): (<K::V as Vector>::F, <K::V as Vector>::F),
-        way: &Way,
+        octant: &Octant,
         (reach, origin_error): (<K::V as Vector>::F, Option<f32>),
         lanes: LaneMask,
     ) -> <K::V as Vector>::I {
         // SAFETY: the caller guarantees that the machine has the kernel's instruction set.
         let v = unsafe { K::V::new() };
-        let (k, is_backward) = (way.place_of(axis), way.is_backward[axis]);
+        let (k, is_backward) = (octant.place_of(axis), octant.is_backward[axis]);
         let row = axis * 2 * ROW as usize + if is_backward { ROW as usize } else { 0 };
         (self.near_rows[k], self.axes[k]) = (row, axis * AXIS as usize);
         let level_rays = &mut self.level_rays;
