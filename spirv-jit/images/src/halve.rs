@@ -36,8 +36,8 @@ impl Halving {
         // rows.
         unsafe {
             match self.is_srgb {
-                false => row(mean, rows, to, count),
-                true => row(linear_mean, rows, to, count),
+                false => row::<false>(rows, to, count),
+                true => row::<true>(rows, to, count),
             }
         }
     }
@@ -46,25 +46,35 @@ impl Halving {
 /// # Safety
 /// As for [`Halving::row`].
 #[inline(always)]
-unsafe fn row(
-    mean: impl Fn([[u32; 2]; 2]) -> u32,
-    rows: [*const u8; 2],
-    to: *mut u8,
-    count: usize,
-) {
+unsafe fn row<const IS_SRGB: bool>(rows: [*const u8; 2], to: *mut u8, count: usize) {
     let rows = rows.map(|row| row.cast::<[[u32; 2]; BLOCK]>());
     let to = to.cast::<[u32; BLOCK]>();
     // SAFETY: the caller guarantees that all texels are in memory, and `to` is apart from the rows.
     unsafe {
         for block in 0..count / BLOCK {
             let [upper, lower] = rows.map(|row| row.add(block).read_unaligned());
-            let means = std::array::from_fn(|i| mean([upper[i], lower[i]]));
+            // No closure: calls of it would not always be inlined.
+            let mut means = [0; BLOCK];
+            for i in 0..BLOCK {
+                means[i] = mean_in::<IS_SRGB>([upper[i], lower[i]]);
+            }
             to.add(block).write_unaligned(means);
         }
         for i in count / BLOCK * BLOCK..count {
             let four = rows.map(|row| row.cast::<[u32; 2]>().add(i).read_unaligned());
-            to.cast::<u32>().add(i).write_unaligned(mean(four));
+            to.cast::<u32>()
+                .add(i)
+                .write_unaligned(mean_in::<IS_SRGB>(four));
         }
+    }
+}
+
+/// The mean of two by two texels, unorm or sRGB.
+#[inline(always)]
+fn mean_in<const IS_SRGB: bool>(texels: [[u32; 2]; 2]) -> u32 {
+    match IS_SRGB {
+        false => mean(texels),
+        true => linear_mean(texels),
     }
 }
 
